@@ -3,15 +3,13 @@
     python travel_check.py FILE
 
 The file holds, for each cell of positions, polynomials that enclose the closed loop X = [A b; c d], entry by entry, and
-a matrix P at both of its ends; with payloads, a cell is a rectangle, X has a slope along the payload, and P stands at
-all four corners.  Checked are that the cells cover the travel with all payloads and that, in each of them,
+a matrix P at both of its ends.  Checked are that the cells cover the travel and that, at all of their positions,
 
     [ Π'    Xᵀ Γ   ]
-    [ Γ X   2Γ - Π ]  > 0,    Γ = diag(G, 1), Π = diag(P, 1), Π' = diag(P', γ²), G the mean of P at all corners,
+    [ Γ X   2Γ - Π ]  > 0,    Γ = diag(G, 1), Π = diag(P, 1), Π' = diag(P', γ²), G the mean of P at both ends,
 
 from which Xᵀ diag(P, 1) X < diag(P, γ²) follows: each frozen loop is stable and |S| < γ at all frequencies.  If it
 moves, P is continuous from cell to cell, P' is that of the last sample, at most two steps away, and γ is left out.
-At one position all of this is affine in the payload: what holds with two payloads holds between them.
 
 Numbers are floats: every bound includes its rounding, and a Cholesky factorization of the matrix less all bounds proves
 it positive definite (Rump 2006).  That the polynomials are those of a machine is not checked here.
@@ -25,7 +23,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise, product
 from typing import Any
 
-FORMAT = "feeddrive travel proof, version 2"
+FORMAT = "feeddrive travel proof, version 1"
 MOST_BYTES = 100_000_000
 MOST_STATES = 60
 UNIT = 2.0**-53
@@ -154,7 +152,7 @@ def corners(entries: Any, n: int, what: str) -> tuple[list[Matrix], list[Matrix]
     """Return the corners of the polynomials of a cell, the slopes along other variables, and the rest."""
     need(isinstance(entries, list) and entries, f"{what}: entries are needed")
     count, others = len(entries[0][2]), len(entries[0][3])
-    need(2 <= count <= 9 and others <= 10, f"{what}: terms and slopes")
+    need(2 <= count <= 9 and others <= 8, f"{what}: terms and slopes")
     found = [[[0.0] * n for _ in range(n)] for _ in range(count)]
     slopes = [[[0.0] * n for _ in range(n)] for _ in range(others)]
     rest = [[0.0] * n for _ in range(n)]
@@ -195,34 +193,6 @@ def covered(cells: Sequence[tuple[float, float]], first: float, last: float) -> 
     return reached >= last
 
 
-def covered_pairs(
-    cells: Sequence[tuple[float, float, float, float]], travel: tuple[float, float], loads: tuple[float, float]
-) -> bool:
-    """Return whether rectangles of positions and payloads, in any order, leave no gap."""
-    edges = sorted({x for cell in cells for x in cell[:2]})
-    strips: list[list[tuple[float, float]]] = [[] for _ in edges]
-    place = {x: i for i, x in enumerate(edges)}
-    for low, high, least, most in cells:
-        for i in range(place[low], place[high]):
-            strips[i].append((least, most))
-    found = [pair for pair, strip in zip(pairwise(edges), strips, strict=False) if strip and covered(strip, *loads)]
-    return covered(found, *travel)
-
-
-def span(row: Any, what: str) -> tuple[float, float]:
-    """Return the least and the largest payload."""
-    need(isinstance(row, list) and len(row) == 2, f"{what}: two payloads are needed")
-    least, most = number(row[0], what), number(row[1], what)
-    need(least < most, f"{what}: the payloads do not ascend")
-    return least, most
-
-
-def loaded(X: Matrix, slopes: Sequence[Matrix], share: float, end: int) -> Matrix:
-    """Return a corner of a cell with its least (end 0) or largest payload (end 1), from two slopes along it."""
-    side = 2.0 * end - 1.0
-    return mixed(mixed(X, 1.0, slopes[0], side), 1.0, slopes[1], side * (2.0 * share - 1.0))
-
-
 def frozen(document: Mapping[str, Any], n: int) -> str:
     """Check the cells of a frozen axis; return a sentence."""
     bound = document["sensitivity_peak"]
@@ -230,23 +200,16 @@ def frozen(document: Mapping[str, Any], n: int) -> str:
         need(number(bound, "sensitivity_peak") > 1.0, "the bound on Ms must be above 1")
     first, last = number(document["from_m"], "from_m"), number(document["to_m"], "to_m")
     need(first < last, "the travel has no length")
-    loads = None if document["payloads_kg"] is None else span(document["payloads_kg"], "payloads_kg")
-    cells: list[tuple[float, float, float, float]] = []
+    cells: list[tuple[float, float]] = []
     for cell in document["cells"]:
         low, high = number(cell["from_m"], "from_m"), number(cell["to_m"], "to_m")
         what = f"the cell from {low!r} to {high!r} m"
         need(low < high, f"{what} has no length")
         need(cell["branches"], f"{what} has no model")
-        here = (0.0, 0.0) if loads is None else span(cell["payloads_kg"], what)
-        what = what if loads is None else f"{what} with {here[0]!r} to {here[1]!r} kg"
-        count = 2 if loads is None else 4
-        need(isinstance(cell["P"], list) and len(cell["P"]) == count, f"{what}: {count} corners are needed")
-        ends = [matrix(rows, n, what) for rows in cell["P"]]
+        ends = [matrix(cell[name], n, what) for name in ("low", "high")]
         for end in ends:
             need(factor(end), f"{what}: P is not positive definite")
-        G = mixed(ends[0], 1.0 / count, ends[1], 1.0 / count)
-        for end in ends[2:]:
-            G = mixed(G, 1.0, end, 1.0 / count)
+        G = mixed(ends[0], 0.5, ends[1], 0.5)
         weight = G if bound is None else padded(G, 1.0)
         lower = factor(weight)
         need(lower, f"{what}: G is not positive definite")
@@ -254,23 +217,19 @@ def frozen(document: Mapping[str, Any], n: int) -> str:
         W = inverse(lower)
         for entries in cell["branches"]:
             found, slopes, rest = corners(entries, n + 1, what)
-            need(len(slopes) == count - 2, f"{what} has slopes of other variables")
+            need(not slopes, f"{what} has slopes of other variables")
             if bound is None:
-                found, slopes = ([[row[:n] for row in X[:n]] for X in part] for part in (found, slopes))
-                rest = [row[:n] for row in rest[:n]]
+                found, rest = [[row[:n] for row in X[:n]] for X in found], [row[:n] for row in rest[:n]]
             for k, X in enumerate(found):
                 share = k / (len(found) - 1)
-                for i in range(0, count, 2):
-                    P = mixed(ends[i], 1.0 - share, ends[i + 1], share)
-                    most = None if bound is None else bound * bound * (1.0 - 4.0 * UNIT)
-                    before, after = (P, P) if most is None else (padded(P, most), padded(P, 1.0))
-                    value = loaded(X, slopes, share, i // 2) if slopes else X
-                    need(positive(value, rest, before, after, weight, W), f"{what} is not proven")
-        cells.append((low, high, *here))
-    need(covered_pairs(cells, (first, last), (0.0, 0.0) if loads is None else loads), "the cells leave a gap in the travel")
+                here = mixed(ends[0], 1.0 - share, ends[1], share)
+                most = None if bound is None else bound * bound * (1.0 - 4.0 * UNIT)
+                before, after = (here, here) if most is None else (padded(here, most), padded(here, 1.0))
+                need(positive(X, rest, before, after, weight, W), f"{what} is not proven")
+        cells.append((low, high))
+    need(covered(cells, first, last), "the cells leave a gap in the travel")
     robust = "" if bound is None else f" and Ms <= {bound!r}"
-    with_ = "" if loads is None else f" with every payload from {loads[0]!r} to {loads[1]!r} kg"
-    return f"frozen: stable{robust} at every position from {first!r} to {last!r} m{with_}, {len(set(cells))} cells"
+    return f"frozen: stable{robust} at every position from {first!r} to {last!r} m, {len(set(cells))} cells"
 
 
 def moving(document: Mapping[str, Any], n: int) -> Iterator[str]:
@@ -283,68 +242,35 @@ def moving(document: Mapping[str, Any], n: int) -> Iterator[str]:
     need(step > 0.0 and T > 0.0, "step and sample time must be positive")
     need(edges[0] <= document["from_m"] and edges[-1] >= document["to_m"], "the edges leave out a part of the travel")
     need(all(b - a >= 2.0 * step for a, b in pairwise(edges)), "a cell is shorter than two steps")
-    rows = [[matrix(P, n, f"P at {x!r} m") for x, P in zip(edges, row, strict=True)] for row in part["P"]]
-    if document["payloads_kg"] is None:
-        need(part["payloads_kg"] is None and len(rows) == 1, "the moving axis: payloads")
-        slabs = [(rows[:1], part["cells"][0])]
-        need(len(part["cells"]) == 1, "the moving axis: payloads")
-    else:
-        least, most = span(document["payloads_kg"], "payloads_kg")
-        loads = [number(x, "payloads_kg") for x in part["payloads_kg"]]
-        need(all(a < b for a, b in pairwise(loads)), "the payloads of the moving axis do not ascend")
-        need(loads[0] <= least and loads[-1] >= most, "the moving axis leaves out some payloads")
-        need(len(rows) == len(loads) and len(part["cells"]) == len(loads) - 1, "the moving axis: payloads")
-        slabs = [([a, b], cells) for (a, b), cells in zip(pairwise(rows), part["cells"], strict=True)]
-    for P, cells in slabs:
-        need(len(cells) == len(edges) - 1, "the moving axis: a cell is missing")
-        for i, branches in enumerate(cells):
-            slab(P, edges, i, branches, step)
-    with_ = "" if document["payloads_kg"] is None else f", {len(slabs)} intervals of payloads"
-    yield f"moving: stable up to {step / T:.4g} m/s, {len(edges) - 1} cells{with_}"
-
-
-def slab(P: Sequence[Sequence[Matrix]], edges: Sequence[float], i: int, branches: Any, step: float) -> None:
-    """Check cell i of an axis that moves; P at all edges, with the least and, if it changes, the largest payload."""
-    what = f"the moving axis from {edges[i]!r} to {edges[i + 1]!r} m"
-    need(branches, f"{what} has no model")
-    n = len(P[0][0])
-    for rows in P:
-        for end in (rows[i], rows[i + 1]):
-            need(factor(end), f"{what}: P is not positive definite")
-    weight = mixed(P[0][i], 0.5 / len(P), P[0][i + 1], 0.5 / len(P))
-    for rows in P[1:]:
-        weight = mixed(mixed(weight, 1.0, rows[i], 0.5 / len(P)), 1.0, rows[i + 1], 0.5 / len(P))
-    lower = factor(weight)
-    need(lower, f"{what}: G is not positive definite")
-    assert lower is not None
-    W = inverse(lower)
-    last = len(edges) - 2
-    ways = {(1.0, i), (-1.0, i), (1.0, max(i - 1, 0)), (-1.0, min(i + 1, last))}
-    for entries in branches:
-        found, slopes, rest = corners(entries, n + 1, what)
-        found, slopes = ([[row[:n] for row in X[:n]] for X in part] for part in (found, slopes))
-        rest = [row[:n] for row in rest[:n]]
-        along: list[Matrix] = []
-        if len(P) > 1:
-            need(len(slopes) >= 2, f"{what}: no slope along the payload")
-            slopes, along = slopes[:-2], slopes[-2:]
-        slopes = [slope for slope in slopes if any(map(any, slope))]
-        for end, rows in enumerate(P):
-            change = {
-                j: mixed(rows[j + 1], 1.0 / (edges[j + 1] - edges[j]), rows[j], -1.0 / (edges[j + 1] - edges[j]))
-                for _, j in ways
-            }
+    P = [matrix(rows, n, f"P at {x!r} m") for x, rows in zip(edges, part["P"], strict=True)]
+    change = [
+        mixed(b, 1.0 / (y - x), a, -1.0 / (y - x)) for (x, y), (a, b) in zip(pairwise(edges), pairwise(P), strict=True)
+    ]
+    need(len(part["cells"]) == len(change), "the moving axis: a cell is missing")
+    for i, branches in enumerate(part["cells"]):
+        what = f"the moving axis from {edges[i]!r} to {edges[i + 1]!r} m"
+        need(branches, f"{what} has no model")
+        weight = mixed(P[i], 0.5, P[i + 1], 0.5)
+        lower = factor(weight)
+        need(lower, f"{what}: P is not positive definite")
+        assert lower is not None
+        W = inverse(lower)
+        ways = {(1.0, i), (-1.0, i), (1.0, max(i - 1, 0)), (-1.0, min(i + 1, len(change) - 1))}
+        for entries in branches:
+            found, slopes, rest = corners(entries, n + 1, what)
+            found, slopes = ([[row[:n] for row in X[:n]] for X in part_] for part_ in (found, slopes))
+            rest = [row[:n] for row in rest[:n]]
+            slopes = [slope for slope in slopes if any(map(any, slope))]
             for k, X in enumerate(found):
-                share = k / (len(found) - 1)
-                after = mixed(rows[i], 1.0 - share, rows[i + 1], share)
-                here = loaded(X, along, share, end) if along else X
+                after = mixed(P[i], 1.0 - k / (len(found) - 1), P[i + 1], k / (len(found) - 1))
                 for sign in product((-1.0, 1.0), repeat=len(slopes)):
-                    value = here
+                    value = X
                     for s, slope in zip(sign, slopes, strict=True):
                         value = mixed(value, 1.0, slope, s)
                     for way, j in ways:
                         before = mixed(after, 1.0, change[j], -way * 2.0 * step)
                         need(positive(value, rest, before, after, weight, W), f"{what} is not proven")
+    yield f"moving: stable up to {step / T:.4g} m/s, {len(change)} cells"
 
 
 def digest(document: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""A proof that a loop is stable and keeps a bound on Ms along its travel, with every payload, and up to which speed.
+"""A proof that a loop is stable and keeps a bound on Ms at every position of its travel, and up to which speed.
 
 With the closed loop ξ(k+1) = A ξ + b w, S w = c ξ + d w, from a force w added to the command to the force of the drive,
 X = [A b; c d], S the sensitivity:
@@ -19,11 +19,6 @@ by polynomials and a bound on the rest, P is a straight line, and G is its middl
 the cell if it is so, by more than the rest, at the coefficients of the polynomials in Bernstein's basis, whose convex
 hull they do not leave.  A cell where it is not is halved.
 
-*All payloads.*  A cell is then a rectangle of positions and payloads.  X is enclosed with a slope along the payload and
-a bound on what bends, P is a straight line along the payload, too, and G is the mean of its four corners: at every
-position the matrix is affine in the payload and positive definite between two payloads if it is at both.  A payload
-does not change while the axis moves.
-
 P is found in floating point, from a Riccati or Lyapunov equation; that it does what it should is proven with bounds on
 all rounding.  Sources: Rantzer 1996 (the lemma); de Oliveira, Bernussou & Geromel 1999 (G); Rump 2006 (a Cholesky
 factorization that ends proves a matrix positive definite).
@@ -41,7 +36,6 @@ import numpy as np
 
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.controller.gain_schedule import GainSchedule
-from feeddrive.blocks.families import Law
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.certificate import travel_check
 from feeddrive.certificate.enclosure import ORDER, Enclosed, enclose
@@ -59,13 +53,12 @@ from feeddrive.loop.gradient import push
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import SETPOINT, Loop
 from feeddrive.loop.traced_model import traced_loop
-from feeddrive.tuning.travel import Pair, Travel, frozen
+from feeddrive.tuning.travel import Travel, frozen
 
 OUTSIDE = (
     "saturation, friction other than its slope, rounding of signals and coefficients",
     "tolerances of the axis, and what its model lacks, such as a further mode",
     "between its measured positions the axis is that of the fitted curves; within a sample it is that of one position",
-    "a payload that changes while the axis moves",
 )
 WORK = 20_000  # cells of positions that are examined at most: a minute or two
 _UNIT = 2.0**-53
@@ -85,12 +78,10 @@ _OF_OUTPUT = 10.0  # times the same for the square of the bound
 _WEAK = 1e-6  # weight of all states beside the output, so that P is positive definite
 _DOUBLINGS = 40  # 2^40 terms of a sum: enough for a pole 1e-10 from the unit circle
 _PARTS = 16  # of each interval between places at the start
-_LOADS = 2  # parts of each interval between payloads at the start
 _TOGETHER = 96  # cells whose models are enclosed together
 _LOOKED = 1e-3  # of the travel: in a cell this short that is not proven, the loop itself is looked at
 _LINES = 4000  # frequencies at which a bound is refuted
 _MESH = 200  # cells of the travel over which P is linear, for an axis that moves
-_SLABS = (2, 4, 8)  # parts of each interval between payloads over which P is linear, for an axis that moves
 _SHARES = (0.8, 0.5)  # of the decay of the slowest pole that P is to have
 _FASTEST, _SLOWEST = 100.0, 1e-3  # m/s: no feed drive is faster, and a slower one stands still
 _NARROW = 1e-6  # of the travel: a cell this short at which the proof fails is not halved again
@@ -160,20 +151,17 @@ _TO_BERNSTEIN = _to_bernstein()
 
 
 class AlongTravel:
-    """The closed loop of a control, with or without a schedule, at the positions and payloads of a travel.
+    """The closed loop of a control, with or without a schedule, at the positions of a travel.
 
     Variables of an enclosure: the position and, if `step` > 0, the step from the last position (in units of `step`) and
-    the step to the position that the axis passes while the force acts; the last one is the payload, if it changes.
+    the step to the position that the axis passes while the force acts.
     """
 
     def __init__(self, travel: Travel, control: Control, velocity: float = 0.05) -> None:
         self.travel, self.control, self.velocity = travel, control, velocity
         self.first, self.last = float(travel.positions[0]), float(travel.positions[-1])
         middle = 0.5 * (self.first + self.last)
-        loads = travel.payloads
-        self.payloads = None if loads is None else (float(loads[0]), float(loads[-1]))
-        self._check_payloads()
-        self.loop = self.at(middle, None if self.payloads is None else 0.5 * sum(self.payloads))
+        self.loop = self.at(middle)
         self.traced = traced_loop(self.loop, middle, velocity)
         self.T = float(self.loop.sample_time)
         law = control.law
@@ -188,57 +176,24 @@ class AlongTravel:
         self.scale = np.append(2.0 ** np.rint(np.log2(np.maximum(sizes, 1e-30))), 1.0)
         self.retuned = self._retuned() if self.places else None
 
-    def _check_payloads(self) -> None:
-        """Raise ParameterError for a schedule over the payload that does not know all payloads of the travel."""
-        law = self.control.law
-        if self.payloads is None or not isinstance(law, GainSchedule) or law.payload is None:
-            return
-        for i, place in enumerate(law.places):
-            known = float(place.loads[0].payload), float(place.loads[-1].payload)
-            if known[0] > self.payloads[0] or known[1] < self.payloads[1]:
-                raise ParameterError(
-                    f"places.{i} of the schedule has payloads from {Quantity(known[0], 'kg'):6 SI} to "
-                    f"{Quantity(known[1], 'kg'):6 SI}, and the axis was measured from "
-                    f"{Quantity(self.payloads[0], 'kg'):6 SI} to {Quantity(self.payloads[1], 'kg'):6 SI}: gains are "
-                    f"not extrapolated; tune the schedule over the payloads that are to be proven"
-                )
-
-    def at(self, position: float, payload: float | None = None) -> Loop:
-        """Return the frozen loop at a position (m) with a payload (kg)."""
-        return replace(self.travel.at(position, payload), control=frozen(self.control, position, payload))
+    def at(self, position: float) -> Loop:
+        """Return the frozen loop at a position (m)."""
+        return replace(self.travel.at(position), control=frozen(self.control, position))
 
     def breaks(self) -> np.ndarray:
         """Return the positions at which the parameters of control or axis have a kink, and both ends (m)."""
         inner = [x for x in self.places if self.first < x < self.last]
         return np.array([self.first, *inner, self.last])
 
-    def load_breaks(self) -> np.ndarray:
-        """Return the payloads at which the parameters have a kink, and both ends (kg); empty if none changes."""
-        if self.payloads is None:
-            return np.zeros(0)
-        law, (least, most) = self.control.law, self.payloads
-        loads = [load for place in law.places for load in place.loads] if isinstance(law, GainSchedule) else []
-        return np.unique([least, most, *(float(x.payload) for x in loads if least < float(x.payload) < most)])
-
-    def matrices(
-        self,
-        low: np.ndarray,
-        high: np.ndarray,
-        step: float = 0.0,
-        least: np.ndarray | None = None,
-        most: np.ndarray | None = None,
-    ) -> tuple[np.ndarray, Enclosures]:
+    def matrices(self, low: np.ndarray, high: np.ndarray, step: float = 0.0) -> tuple[np.ndarray, Enclosures]:
         """Return enclosures of [A b; c d] over cells of positions (m), in scaled states, and the cell of each.
-
-        least, most  the payloads (kg) of each cell, if they change; along them there is the last slope
 
         No cell may contain a kink inside.  With `step` (m) the law reads a position up to a step away from that of the
         axis, and the states before a sample are those of the last one, up to a step before the reading, which the
         retuning of the law converts: both are other variables.
         """
         count = low.size
-        moving = 0 if not step else 4 if self.retuned is None else 8
-        others = moving + (0 if least is None else 2)
+        others = 0 if not step else 4 if self.retuned is None else 8
         middle, half = 0.5 * (low + high), 0.5 * (high - low) * (1.0 + 1e-15)
         terms, rounding = np.stack([middle, half]), 4.0 * _UNIT * (np.abs(low) + np.abs(high))
 
@@ -248,14 +203,9 @@ class AlongTravel:
             return Enclosed(terms, rows if others else None, rounding)
 
         plant, x = along(), along(step) if step else along()
-        load: Enclosed | None = None
-        if least is not None and most is not None:
-            rows = np.zeros((others, count))
-            rows[-2] = 0.5 * (most - least) * (1.0 + 1e-15)
-            load = Enclosed(0.5 * (least + most)[None], rows, 4.0 * _UNIT * (np.abs(least) + np.abs(most)))
         leaves = {name: Enclosed.exactly(float(value)) for name, value in tree.leaves(self.loop)}
-        leaves |= {tree.name_of(self.loop, path): _fitted(fit, plant, load) for path, fit in self.travel.fits.items()}
-        law = self._law(x, load, low, high, step, 2)
+        leaves |= {tree.name_of(self.loop, path): _fitted(fit, plant) for path, fit in self.travel.fits.items()}
+        law = self._law(x, low, high, step, 2)
         leaves |= {f"control.law.{name}": value for name, value in law.items()}
         starts = {"position": plant, "set_position": plant, "velocity": self.velocity, "set_velocity": self.velocity}
         for name in ("position", "velocity", *SETPOINT):
@@ -275,17 +225,15 @@ class AlongTravel:
         found.terms[0, :, -1, -1] += 1.0
         found.rest[:, -1, -1] += 4.0 * _UNIT * (1.0 + np.abs(found.terms[0, :, -1, -1]))
         if step and self.retuned is not None:
-            old = self._law(along(step, 0.0, -step), load, low, high, 2.0 * step, 6)
+            old = self._law(along(step, 0.0, -step), low, high, 2.0 * step, 6)
             turned = {f"new.{name}": value.take(cell) for name, value in law.items()}
             turned |= {f"old.{name}": value.take(cell) for name, value in old.items()}
-            whole = self._retune_matrix(turned, numbers, inner, cell.size, others)
+            whole = self._retune_matrix(turned, numbers, inner, cell.size)
             found = found.times(whole)
         return cell, found.scaled(self.scale)
 
-    def _law(
-        self, x: Enclosed, load: Enclosed | None, low: np.ndarray, high: np.ndarray, step: float, kink: int
-    ) -> dict[str, Enclosed]:
-        """Return the parameters of the law along positions that are within `step` of cells, and along payloads.
+    def _law(self, x: Enclosed, low: np.ndarray, high: np.ndarray, step: float, kink: int) -> dict[str, Enclosed]:
+        """Return the parameters of the law along positions that are within `step` of cells.
 
         Behind a place all parameters bend together: `kink` is the variable for how far, if a cell is near a place.
         """
@@ -293,69 +241,33 @@ class AlongTravel:
             return {}
         law = self.control.law
         assert isinstance(law, GainSchedule)
-        cells = np.arange(low.size)
-        # parameters at each place in each cell, shape (cells, places, parameters): in its middle, and their slope along
-        # the payload from there to its ends; what they are computed from has the magnitude `bulk`
-        rows, swing = self._at_places(law, load, low.size)
-        bulk = np.max([[np.abs(_values(one)) for _, one in place.laws()] for place in law.places], axis=1)
-        rises = np.zeros((len(bulk) + 1, bulk.shape[1]))
+        rows = np.array([[float(value) for _, value in tree.leaves(place.law)] for place in law.places])
         places = np.array(self.places)
         # segment 0 lies before the first place and the last one behind the last place, both with a slope of 0
         segment = np.searchsorted(places, 0.5 * (low + high))
-        slopes, swings = (np.zeros((low.size, places.size + 1, rows.shape[2])) for _ in range(2))
-        for inner, values in ((slopes, rows), (swings, swing)):
-            inner[:, 1:-1] = np.diff(values, axis=1) / np.diff(places)[:, None]
-        rises[1:-1] = (bulk[1:] + bulk[:-1]) / np.diff(places)[:, None]
+        slopes = np.zeros((places.size + 1, rows.shape[1]))
+        slopes[1:-1] = np.diff(rows, axis=0) / np.diff(places)[:, None]
         anchor = np.clip(segment - 1, 0, places.size - 1)
         # of the place before and behind each cell, if a step leads to it: no cell is between two places
+        bends = np.diff(slopes, axis=0)
         before, behind = np.maximum(segment - 1, 0), np.minimum(segment, places.size - 1)
         to_before = (segment > 0) & (low - places[before] < step)
         to_behind = (segment < places.size) & (places[behind] - high < step)
         if step and np.any(to_before & to_behind):
             raise ParameterError("a cell between two places is shorter than a step")
-
-        def bent(values: np.ndarray) -> np.ndarray:
-            bends = np.diff(values, axis=1)
-            chosen = np.where(to_behind[:, None], bends[cells, behind], 0.0)
-            return step * np.where(to_before[:, None], bends[cells, before], chosen)
-
-        bend, bend_swing = bent(slopes), np.abs(bent(swings))
+        bent = step * np.where(to_before[:, None], bends[before], np.where(to_behind[:, None], bends[behind], 0.0))
         away = x.plus(Enclosed.exactly(-places[anchor]))
         found: dict[str, Enclosed] = {}
-        for i, (name, _) in enumerate(tree.leaves(law.places[0].laws()[0][1])):
+        for i, (name, _) in enumerate(tree.leaves(law.places[0].law)):
             # slope and value are computed by the law with a few roundings
-            few = 16.0 * _UNIT
-            slope = _swinging(slopes[cells, segment, i], swings[cells, segment, i], x, load, few * rises[segment, i])
-            value = _swinging(rows[cells, anchor, i], swing[cells, anchor, i], x, load, few * bulk[anchor, i])
-            value = value.plus(away.times(slope))
-            if x.slope is not None and step:
+            slope = Enclosed(slopes[segment, i][None], None, 4.0 * _UNIT * np.abs(slopes[segment, i]))
+            value = Enclosed.exactly(rows[anchor, i]).plus(away.times(slope))
+            if x.slope is not None:
                 rows_ = np.zeros((len(x.slope), low.size)) if value.slope is None else np.array(value.slope)
-                rows_[kink] += bend[:, i]
-                value = value._replace(slope=rows_, rest=value.rest + bend_swing[:, i])
+                rows_[kink] += bent[:, i]
+                value = value._replace(slope=rows_)
             found[name] = value
         return found
-
-    def _at_places(self, law: GainSchedule, load: Enclosed | None, cells: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the parameters at each place in each cell of payloads, in the middle, and their change to its ends.
-
-        Shapes (cells, places, parameters).  No cell has a payload of a place inside, so that both are exact.
-        """
-        tables = [np.array([_values(one) for _, one in place.laws()]) for place in law.places]
-        if load is None or law.payload is None:
-            own = None if law.payload is None else float(law.payload)
-            row = np.array([[float(value) for value in place.numbers(own)] for place in law.places])
-            rows = np.broadcast_to(row, (cells, *row.shape))
-            return rows, np.zeros_like(rows)
-        assert load.slope is not None
-        middle, half = load.terms[0], load.slope[-2]
-        rows, swing = [], []
-        for place, table in zip(law.places, tables, strict=True):
-            payloads = np.array([float(one.payload) for one in place.loads])
-            j = np.clip(np.searchsorted(payloads, middle) - 1, 0, payloads.size - 2)
-            rise = (table[j + 1] - table[j]) / (payloads[j + 1] - payloads[j])[:, None]
-            rows.append(table[j] + (middle - payloads[j])[:, None] * rise)
-            swing.append(half[:, None] * rise)
-        return np.stack(rows, axis=1), np.stack(swing, axis=1)
 
     def _retuned(self) -> _Retuned | None:
         """Trace the conversion of the state of the law from old to new parameters; None if it changes nothing."""
@@ -390,12 +302,12 @@ class AlongTravel:
         )
 
     def _retune_matrix(
-        self, laws: dict[str, Enclosed], numbers: dict[str, Enclosed], inner: np.ndarray, cells: int, others: int
+        self, laws: dict[str, Enclosed], numbers: dict[str, Enclosed], inner: np.ndarray, cells: int
     ) -> Enclosures:
         assert self.retuned is not None
         leaves = laws | {name: value.take(inner) for name, value in numbers.items() if name.startswith("state.")}
         leaves["sample_time"] = Enclosed.exactly(self.T)
-        branch, entries = enclose(self.retuned.graph, self.retuned.nodes, leaves, cells, others)
+        branch, entries = enclose(self.retuned.graph, self.retuned.nodes, leaves, cells, 8)
         if branch.size != cells:
             raise ParameterError("the conversion of the law's state has a choice that positions leave open")
         n = self.states
@@ -405,36 +317,14 @@ class AlongTravel:
         return found
 
 
-def _values(law: Law) -> list[float]:
-    return [float(value) for _, value in tree.leaves(law)]
-
-
-def _swinging(value: np.ndarray, swing: np.ndarray, x: Enclosed, load: Enclosed | None, rest: np.ndarray) -> Enclosed:
-    """Return a number with a value in the middle of the payloads of each cell and its change to their ends."""
-    if load is None:
-        return Enclosed(value[None], None, rest)
-    assert x.slope is not None
-    rows = np.zeros_like(x.slope)
-    rows[-2] = swing
-    return Enclosed(value[None], rows, rest)
-
-
-def _fitted(fit: TravelFit, x: Enclosed, load: Enclosed | None) -> Enclosed:
-    """Return a number of the axis, as fitted over the travel and the payload, along both."""
-
-    def powers(row: np.ndarray, at: Enclosed) -> Enclosed:
-        first, last = float(np.min(row)), float(np.max(row))
-        t = at.times(Enclosed.exactly(2.0)).plus(Enclosed.exactly(-first).plus(Enclosed.exactly(-last)))
-        return t.times(Enclosed.exactly(last).plus(Enclosed.exactly(-first)).inverse())
-
-    t = powers(fit.places, x)
-    s = None if fit.payloads is None or load is None else powers(fit.payloads, load)
+def _fitted(fit: TravelFit, x: Enclosed) -> Enclosed:
+    """Return a number of the axis, as fitted over the travel, along positions."""
+    first, last = float(fit.places[0]), float(fit.places[-1])
+    t = x.times(Enclosed.exactly(2.0)).plus(Enclosed.exactly(-first).plus(Enclosed.exactly(-last)))
+    t = t.times(Enclosed.exactly(last).plus(Enclosed.exactly(-first)).inverse())
     value = Enclosed.exactly(0.0)
-    for row in fit.coefficients.reshape(fit.degree + 1, fit.payload_degree + 1)[::-1]:
-        inner = Enclosed.exactly(0.0)
-        for coefficient in row[::-1]:
-            inner = (inner if s is None else inner.times(s)).plus(Enclosed.exactly(float(coefficient)))
-        value = value.times(t).plus(inner)
+    for coefficient in fit.coefficients[::-1]:
+        value = value.times(t).plus(Enclosed.exactly(float(coefficient)))
     return value.inverse() if fit.inverse else value
 
 
@@ -556,96 +446,61 @@ def _riccati(X: np.ndarray, bound: float | None, start: int) -> tuple[np.ndarray
     return None
 
 
-class Region(NamedTuple):
-    """A cell of positions (m) and of payloads (kg; None where the payload never changes)."""
-
-    low: float
-    high: float
-    least: float | None = None
-    most: float | None = None
-
-    def corners(self) -> tuple[Pair, ...]:
-        """Return both ends with the least payload and then, if payloads change, with the largest."""
-        loads = (None,) if self.least is None else (self.least, self.most)
-        return tuple(Pair(x, load) for load in loads for x in (self.low, self.high))
-
-    def middle(self) -> Pair:
-        """Return the middle."""
-        load = None if self.least is None or self.most is None else 0.5 * (self.least + self.most)
-        return Pair(0.5 * (self.low + self.high), load)
-
-    def halves(self, *, across: bool) -> tuple[Region, Region]:
-        """Return both halves of the positions, or with `across` of the payloads."""
-        x, load = self.middle()
-        if across:
-            return self._replace(most=load), self._replace(least=load)
-        return self._replace(high=x), self._replace(low=x)
-
-
 class _Functions:
-    """P at pairs for one bound of Ms (None: stability alone), computed once for each."""
+    """P at positions for one bound of Ms (None: stability alone), computed once for each position."""
 
     def __init__(self, along: AlongTravel, bound: float | None) -> None:
         self.along, self.bound = along, bound
-        self._models: dict[Pair, np.ndarray] = {}
-        self._found: dict[tuple[Pair, int], tuple[np.ndarray, int] | None] = {}
+        self._models: dict[float, np.ndarray] = {}
+        self._found: dict[tuple[float, int], tuple[np.ndarray, int] | None] = {}
 
-    def at(self, pair: Pair, margin: int) -> tuple[np.ndarray, int] | None:
+    def at(self, position: float, margin: int) -> tuple[np.ndarray, int] | None:
         """Return P, and the index of its margin, at least `margin`; None if no margin has a solution."""
-        if (pair, margin) not in self._found:
-            found = _riccati(self._models[pair], self.bound, margin)
-            self._found[pair, margin] = found
+        if (position, margin) not in self._found:
+            found = _riccati(self._models[position], self.bound, margin)
+            self._found[position, margin] = found
             if found is not None:
-                self._found[pair, found[1]] = found
-        return self._found[pair, margin]
+                self._found[position, found[1]] = found
+        return self._found[position, margin]
 
-    def models(self, regions: Sequence[Region]) -> None:
-        """Compute the models at the corners of regions that are not known yet."""
-        new = [pair for pair in {corner for region in regions for corner in region.corners()} if pair not in self._models]
-        if new:
-            x = np.array([pair.position for pair in new])
-            load = None if new[0].payload is None else np.array([pair.payload for pair in new], float)
-            cell, X = self.along.matrices(x, x, 0.0, load, load)
+    def models(self, positions: np.ndarray) -> None:
+        """Compute the models at positions that are not known yet."""
+        new = np.array([x for x in np.unique(positions) if float(x) not in self._models])
+        if new.size:
+            cell, X = self.along.matrices(new, new)
             for i, place in enumerate(cell):
-                self._models[new[int(place)]] = X.terms[0, i]
+                self._models[float(new[place])] = X.terms[0, i]
 
-    def corners(self, region: Region, margin: int) -> tuple[np.ndarray, int] | Pair:
-        """Return P at the corners of a cell with the same margin, and its index; or a corner that has none."""
+    def pair(self, low: float, high: float, margin: int) -> tuple[np.ndarray, np.ndarray, int] | float:
+        """Return P at both ends of a cell with the same margin, and its index; or the position that has none."""
         while True:
-            found: list[tuple[np.ndarray, int]] = []
-            for corner in region.corners():
-                one = self.at(corner, max([margin, *(inner[1] for inner in found)]))
-                if one is None:
-                    return corner
-                found.append(one)
-            margin = max(inner[1] for inner in found)
-            if all(inner[1] == margin for inner in found):
-                return np.array([inner[0] for inner in found]), margin
+            first = self.at(low, margin)
+            if first is None:
+                return low
+            second = self.at(high, first[1])
+            if second is None:
+                return high
+            if second[1] == first[1]:
+                return first[0], second[0], first[1]
+            margin = second[1]
 
 
-def _frozen_holds(X: Enclosures, P: np.ndarray, bound: float | None) -> np.ndarray:
-    """Return for each cell whether the frozen loop is proven in all of it.
-
-    P  at the corners of each cell as `Region.corners` lists them, shape (cells, 2 or 4, n, n)
-    """
-    n = P.shape[2]
+def _frozen_holds(X: Enclosures, low: np.ndarray, high: np.ndarray, bound: float | None) -> np.ndarray:
+    """Return for each cell whether the frozen loop is proven at all of its positions; P at both ends of each cell."""
+    n = low.shape[1]
     corners, rest = X.corners()
-    middle = np.mean(P, axis=1)
-    slope = X.slope
-    rest = rest + _ROUND * 3 * (np.abs(corners).max(axis=0) + np.sum(np.abs(slope), axis=0)) if len(slope) else rest
+    middle = 0.5 * (low + high)
     if bound is None:
-        corners, rest, slope = corners[:, :, :n, :n], rest[:, :n, :n], slope[:, :, :n, :n]
+        corners, rest = corners[:, :, :n, :n], rest[:, :n, :n]
     weight = middle if bound is None else _padded(middle, 1.0)
     whiten = np.linalg.inv(np.linalg.cholesky(weight))
-    holds = np.ones(P.shape[0], bool)
+    holds = np.ones(low.shape[0], bool)
     for k, corner in enumerate(corners):
         # the coefficients of a straight line in Bernstein's basis are its values at even distances
         share = k / ORDER
-        for end in range(P.shape[1] // 2):
-            here = (1.0 - share) * P[:, 2 * end] + share * P[:, 2 * end + 1]
-            before, after = (here, here) if bound is None else (_padded(here, bound), _padded(here, 1.0))
-            value = corner if not len(slope) else corner + (2 * end - 1) * (slope[0] + (2.0 * share - 1.0) * slope[1])
-            holds &= proven_positive(value, rest, before, after, weight, whiten)
+        P = (1.0 - share) * low + share * high
+        before, after = (P, P) if bound is None else (_padded(P, bound), _padded(P, 1.0))
+        holds &= proven_positive(corner, rest, before, after, weight, whiten)
     return holds
 
 
@@ -655,15 +510,14 @@ class TravelProof(Result):
 
     along        the loop along its travel
     bound        the bound on Ms that was to be proven; None for stability alone
-    proven       True if it holds at every position and payload between them, False if it does not at `position`, None if
-                 that is undecided there
+    proven       True if it holds at every position between them, False if it does not at `position`, None if that is
+                 undecided there
     reason       the reason why it is not proven, as a clause
     cells        the cells of positions that were proven, ascending
     speed        m/s, up to which the moving loop is proven stable; 0 if none was proven, None if none was looked for
     most         True if no higher speed was tried
     top          the largest speed that the guard of the control allows, m/s; None without one
     motion       the proof for the axis that moves, if there is one
-    payload      kg, with which it does not hold or is undecided at `position`; None where the payload never changes
     """
 
     along: AlongTravel
@@ -676,7 +530,6 @@ class TravelProof(Result):
     most: bool
     top: float | None
     motion: Moving | None
-    payload: float | None = None
 
     @property
     def first(self) -> float:
@@ -698,11 +551,7 @@ class TravelProof(Result):
         """What is to be proven of an axis that stays where it is, as a clause."""
         robust = "" if self.bound is None else f" and has Ms <= {Quantity(self.bound):6}"
         ends = f"{Quantity(self.first, 'm'):6 SI} to {Quantity(self.last, 'm'):6 SI}"
-        loads = self.along.payloads
-        with_ = ""
-        if loads is not None:
-            with_ = f" with every payload from {Quantity(loads[0], 'kg'):6 SI} to {Quantity(loads[1], 'kg'):6 SI}"
-        return Text(f"the loop is stable{robust} at every position from {ends}{with_}, each frozen")
+        return Text(f"the loop is stable{robust} at every position from {ends}, each frozen")
 
     @property
     def moving(self) -> Text:
@@ -725,23 +574,18 @@ class TravelProof(Result):
 
     def table(self) -> Table:
         """Tabulate the intervals that were proven, joined where they touch, and the speed."""
-        rows = [[a, b, sum(a <= cell.region.low < b for cell in self.cells)] for a, b in self.intervals()]
+        rows = [[a, b, sum(a <= cell.low < b for cell in self.cells)] for a, b in self.intervals()]
         columns = [Column("from", "m", "6 mm"), Column("to", "m", "6 mm"), "cells"]
         return Table(Text(f"along the travel: {self.verdict}"), columns, rows)
 
     def intervals(self) -> list[tuple[float, float]]:
-        """Return the intervals of positions (m) that were proven, with all payloads, joined where they touch."""
+        """Return the intervals of positions (m) that were proven, joined where they touch."""
         found: list[tuple[float, float]] = []
-        regions = [cell.region for cell in self.cells]
-        for low, high in pairwise(sorted({x for region in regions for x in region[:2]})):
-            here = [(r.least or 0.0, r.most or 0.0) for r in regions if r.low <= low and r.high >= high]
-            loads = self.along.payloads
-            if not here or (loads is not None and not travel_check.covered(here, *loads)):
-                continue
-            if found and found[-1][1] == low:
-                found[-1] = found[-1][0], high
+        for cell in self.cells:
+            if found and found[-1][1] == cell.low:
+                found[-1] = found[-1][0], cell.high
             else:
-                found.append((low, high))
+                found.append((cell.low, cell.high))
         return found
 
     def record(self) -> dict[str, Any]:
@@ -751,11 +595,9 @@ class TravelProof(Result):
             "verdict": self.verdict,
             "sensitivity_peak": self.bound,
             "position_m": self.position,
-            "payload_kg": self.payload,
             "reason": self.reason or None,
             "from_m": self.first,
             "to_m": self.last,
-            "payloads_kg": None if self.along.payloads is None else list(self.along.payloads),
             "cells": len(self.cells),
             "speed_m_s": self.speed,
             "higher_tried": not self.most,
@@ -773,19 +615,13 @@ def document(proof: TravelProof, made_from: Sequence[Mapping[str, str]] = ()) ->
     along = proof.along
     moving: dict[str, Any] | None = None
     if proof.motion is not None:
-        motion = proof.motion
+        edges, P, step, _ = proof.motion
+        cell, X = along.matrices(edges[:-1], edges[1:], step if along.places else 0.0)
         moving = {
-            "step_m": motion.step,
-            "edges_m": motion.edges.tolist(),
-            "payloads_kg": None if motion.loads is None else motion.loads.tolist(),
-            "P": [[_lower(each) for each in row] for row in motion.P],
-            "cells": [
-                [
-                    [_entries(X, int(i)) for i in np.flatnonzero(cell == place)]
-                    for place in range(motion.edges.size - 1)
-                ]
-                for cell, X in (slab.enclosed(along, motion.step) for slab in _slabs(motion.edges, motion.loads))
-            ],
+            "step_m": step,
+            "edges_m": edges.tolist(),
+            "P": [_lower(each) for each in P],
+            "cells": [[_entries(X, int(i)) for i in np.flatnonzero(cell == place)] for place in range(edges.size - 1)],
         }
     content = {
         "format": travel_check.FORMAT,
@@ -795,15 +631,14 @@ def document(proof: TravelProof, made_from: Sequence[Mapping[str, str]] = ()) ->
         "sensitivity_peak": proof.bound,
         "from_m": along.first,
         "to_m": along.last,
-        "payloads_kg": None if along.payloads is None else list(along.payloads),
         "sample_time_s": along.T,
         "states": list(along.traced.names),
         "cells": [
             {
-                "from_m": c.region.low,
-                "to_m": c.region.high,
-                "payloads_kg": None if c.region.least is None else [c.region.least, c.region.most],
-                "P": [_lower(P) for P in c.P],
+                "from_m": c.low,
+                "to_m": c.high,
+                "low": _lower(c.P),
+                "high": _lower(c.Q),
                 "branches": [_entries(c.X, i) for i in range(len(c.X.rest))],
             }
             for c in proof.cells
@@ -855,128 +690,103 @@ def prove_along_travel(
     moving = _fastest(along, progress) if speed and search.proven else None
     guard = control.guard
     top = None if guard is None or guard.velocity_limit is None else float(guard.velocity_limit)
-    cells = tuple(sorted(search.cells, key=lambda cell: (cell.region.low, cell.region.least or 0.0)))
+    cells = tuple(sorted(search.cells, key=lambda cell: cell.low))
     fastest = None if not speed else 0.0 if moving is None else moving.step / along.T
     most = moving is not None and moving.most
-    position, payload = (None, None) if search.place is None else search.place
     return TravelProof(
-        along, sensitivity_peak, search.proven, position, search.reason, cells, fastest, most, top, moving, payload
+        along, sensitivity_peak, search.proven, search.position, search.reason, cells, fastest, most, top, moving
     )
 
 
 class Cell(NamedTuple):
-    """A cell in which the frozen loop is proven: P at the corners, and the loop in each branch."""
+    """A cell of positions (m) at which the frozen loop is proven: P at both ends, and the loop in each branch."""
 
-    region: Region
+    low: float
+    high: float
     P: np.ndarray
+    Q: np.ndarray
     X: Enclosures
 
 
 class _Search:
-    """The halving of cells until each is proven, one is found that cannot be, or the work is used up."""
+    """The halving of cells of positions until each is proven, one is found that cannot be, or the work is used up."""
 
     def __init__(self, along: AlongTravel, bound: float | None) -> None:
         self.along, self.bound = along, bound
         self.functions = _Functions(along, bound)
         self.cells: list[Cell] = []
         self.proven: bool | None = True
-        self.place: Pair | None = None
+        self.position: float | None = None
         self.reason = Text()
 
     def run(self, work: int, progress: Progress) -> None:
-        """Examine the whole travel with all payloads; `work` cells at most."""
-        breaks, loads = self.along.breaks(), self.along.load_breaks()
-        for x in breaks:
-            for load in loads if loads.size else (None,):
-                if self._refuted(Pair(float(x), None if load is None else float(load))):
-                    return
-        rows = [pair for a, b in pairwise(breaks.tolist()) for pair in pairwise(np.linspace(a, b, _PARTS + 1).tolist())]
-        parts: list[tuple[float | None, float | None]] = [
-            pair for a, b in pairwise(loads.tolist()) for pair in pairwise(np.linspace(a, b, _LOADS + 1).tolist())
-        ] or [(None, None)]
-        waiting = [Region(*row, *part) for row in rows for part in parts][::-1]
-        # of the travel and, if the payload changes, of the payloads: the side of a cell over the whole
-        length = self.along.last - self.along.first
-        mass = 1.0 if self.along.payloads is None else max(self.along.payloads[1] - self.along.payloads[0], 1e-300)
-
-        def size(region: Region) -> float:
-            along = (region.high - region.low) / length
-            return along if region.least is None or region.most is None else max(along, (region.most - region.least) / mass)
-
+        """Examine the whole travel; `work` cells at most."""
+        breaks = self.along.breaks()
+        for place in breaks:
+            if self._refuted(float(place)):
+                return
+        edges = [np.linspace(a, b, _PARTS + 1) for a, b in pairwise(breaks.tolist())]
+        waiting = [(float(a), float(b)) for row in edges for a, b in pairwise(row)][::-1]
+        narrow = _NARROW * (self.along.last - self.along.first)
         examined, margin = 0, 0
         while waiting:
             progress.step("positions of the travel")
             some, waiting = waiting[-_TOGETHER:], waiting[:-_TOGETHER]
             examined += len(some)
             if examined > work:
-                self.proven, self.place = None, some[-1].middle()
+                self.proven, self.position = None, float(np.mean(some[-1]))
                 self.reason = Text(f"{work} cells of positions were examined, as many as are allowed")
                 return
-            self.functions.models(some)
-            low, high, least, most = (
-                None if some[0][k] is None else np.array([region[k] for region in some], float) for k in range(4)
-            )
-            assert low is not None
-            assert high is not None
-            cell, X = self.along.matrices(low, high, 0.0, least, most)
-            corners = [self.functions.corners(region, margin) for region in some]
-            there = np.array([not isinstance(one, Pair) for one in corners])
-            found = [one for one in corners if not isinstance(one, Pair)]
-            margin = max(min((one[1] for one in found), default=1) - 1, 0)
+            low, high = (np.array(column) for column in zip(*some, strict=True))
+            self.functions.models(np.concatenate([low, high]))
+            cell, X = self.along.matrices(low, high)
+            pairs = [self.functions.pair(a, b, margin) for a, b in some]
+            there = np.array([isinstance(pair, tuple) for pair in pairs])
+            found = [pair for pair in pairs if isinstance(pair, tuple)]
+            margin = max(min((pair[2] for pair in found), default=1) - 1, 0)
             holds = there.copy()
-            rows_ = np.flatnonzero(there[cell])
-            if rows_.size:
+            rows = np.flatnonzero(there[cell])
+            if rows.size:
                 place = np.cumsum(there) - 1
-                P = np.array([found[place[cell[i]]][0] for i in rows_])
-                np.logical_and.at(holds, cell[rows_], _frozen_holds(X.take(rows_), P, self.bound))
+                P, Q = (np.array([found[place[cell[i]]][k] for i in rows]) for k in (0, 1))
+                proven = _frozen_holds(X.take(rows), P, Q, self.bound)
+                np.logical_and.at(holds, cell[rows], proven)
             for i in np.flatnonzero(holds):
-                one = corners[i]
-                assert not isinstance(one, Pair)
-                self.cells.append(Cell(some[i], one[0], X.take(np.flatnonzero(cell == i))))
+                (a, b), pair = some[i], pairs[i]
+                assert isinstance(pair, tuple)
+                self.cells.append(Cell(a, b, pair[0], pair[1], X.take(np.flatnonzero(cell == i))))
             for i in np.flatnonzero(~holds)[::-1]:
-                region, one = some[i], corners[i]
-                place_ = one if isinstance(one, Pair) else region.middle()
+                a, b = some[i]
+                pair = pairs[i]
+                place = pair if isinstance(pair, float) else 0.5 * (a + b)
                 # a look at each place would take longer than the proof
-                if (isinstance(one, Pair) or size(region) < _LOOKED) and self._refuted(place_):
+                if (isinstance(pair, float) or b - a < _LOOKED * (edges[-1][-1] - edges[0][0])) and self._refuted(
+                    place
+                ):
                     return
-                if size(region) < _NARROW:
-                    self.proven, self.place = None, place_
-                    self.reason = Text(f"{_near(place_)} is too near to the bound to decide")
+                if b - a < narrow:
+                    self.proven, self.position = None, place
+                    self.reason = Text(f"{Quantity(place, 'm'):7 SI} is too near to the bound to decide")
                     return
-                waiting += region.halves(across=self._across(region, one, length, mass))[::-1]
+                waiting += [(0.5 * (a + b), b), (a, 0.5 * (a + b))]
 
-    @staticmethod
-    def _across(region: Region, found: tuple[np.ndarray, int] | Pair, length: float, mass: float) -> bool:
-        """Return True if the payloads of a cell should be halved: P changes more along them than along its positions.
-
-        Where P is not known, the side that is the larger share of the whole is halved.
-        """
-        if region.least is None or region.most is None:
-            return False
-        if isinstance(found, Pair):
-            return (region.most - region.least) / mass > (region.high - region.low) / length
-        P = found[0]
-        whiten = np.linalg.inv(np.linalg.cholesky(np.mean(P, axis=0)))
-        changes = (
-            max(float(np.linalg.norm(whiten @ (P[b] - P[a]) @ whiten.T)) for a, b in sides)
-            for sides in (((0, 1), (2, 3)), ((0, 2), (1, 3)))
-        )
-        along, across = changes
-        return across > along
-
-    def _refuted(self, pair: Pair) -> bool:
-        """Return True, and note the pair, if the frozen loop there is unstable or exceeds the bound."""
-        loop = self.along.at(*pair)
+    def _refuted(self, position: float) -> bool:
+        """Return True, and note the position, if the frozen loop there is unstable or exceeds the bound."""
+        loop = self.along.at(position)
         poles = stability(loop, velocity=self.along.velocity)
         reason = Text()
         if not poles.stable:
-            reason = Text(f"at {pair.text} it is unstable: a pole at |z| = {Quantity(poles.growth):.6f}")
+            reason = Text(
+                f"at {Quantity(position, 'm'):6 SI} it is unstable: a pole at |z| = {Quantity(poles.growth):.6f}"
+            )
         elif self.bound is not None:
-            peak, frequency = self._peak(loop, pair.position)
+            peak, frequency = self._peak(loop, position)
             if peak > self.bound:
-                reason = Text(f"at {pair.text} |S| is {Quantity(peak):6} at {Quantity(frequency, 'Hz'):4}")
+                reason = Text(
+                    f"at {Quantity(position, 'm'):6 SI} |S| is {Quantity(peak):6} at {Quantity(frequency, 'Hz'):4}"
+                )
         if reason:
-            self.proven, self.place, self.reason = False, pair, reason
+            self.proven, self.position, self.reason = False, position, reason
         return bool(reason)
 
     def _peak(self, loop: Loop, position: float) -> tuple[float, float]:
@@ -992,133 +802,79 @@ class _Search:
         return float(np.max(size)), float(lines[int(np.argmax(size))])
 
 
-def _near(pair: Pair) -> Text:
-    """Return a pair in words, with as many digits as a narrow cell needs."""
-    with_ = "" if pair.payload is None else f" with {Quantity(pair.payload, 'kg'):7 SI}"
-    return Text(f"{Quantity(pair.position, 'm'):7 SI}{with_}")
-
-
 class Moving(NamedTuple):
     """The proof for an axis that moves: P at the edges of cells, and the largest change of position in a sample, m.
 
-    P      shape (payloads, edges, n, n); one row where the payload never changes
-    loads  kg, the edges of payloads between which P is linear, or None
-    most   True if no larger one was tried
+    most  True if no larger one was tried
     """
 
     edges: np.ndarray
-    loads: np.ndarray | None
     P: np.ndarray
     step: float
     most: bool
-
-
-class _Slab(NamedTuple):
-    """All cells of positions, with the payloads between two edges (kg; None where the payload never changes)."""
-
-    number: int
-    edges: np.ndarray
-    least: float | None
-    most: float | None
-
-    def enclosed(self, along: AlongTravel, step: float) -> tuple[np.ndarray, Enclosures]:
-        """Return the enclosures of the loop whose axis is within a step of where the law read it."""
-        low, high = self.edges[:-1], self.edges[1:]
-        loads = (None if load is None else np.full(low.size, load) for load in (self.least, self.most))
-        return along.matrices(low, high, step if along.places else 0.0, *loads)
-
-
-def _slabs(edges: np.ndarray, loads: np.ndarray | None) -> list[_Slab]:
-    if loads is None:
-        return [_Slab(0, edges, None, None)]
-    return [_Slab(i, edges, a, b) for i, (a, b) in enumerate(pairwise(loads.tolist()))]
 
 
 def _fastest(along: AlongTravel, progress: Progress) -> Moving | None:
     """Return the proof for the largest step that was found; None if there is none for the slowest motion."""
     breaks, width = along.breaks(), (along.last - along.first) / _MESH
     parts = [np.linspace(a, b, max(2, int(np.ceil((b - a) / width))) + 1) for a, b in pairwise(breaks.tolist())]
-    edges, kinks = np.unique(np.concatenate(parts)), along.load_breaks()
-    for count, share in product(_SLABS if kinks.size else (1,), _SHARES):
-        loads: np.ndarray | None = None
-        if kinks.size:
-            loads = np.unique(np.concatenate([np.linspace(a, b, count + 1) for a, b in pairwise(kinks.tolist())]))
-        P = _lyapunov_along(along, edges, loads, share)
+    edges = np.unique(np.concatenate(parts))
+    for share in _SHARES:
+        P = _lyapunov_along(along, edges, share)
         # the change of P crosses one edge at most: two steps in a cell
         low, high = _SLOWEST * along.T, min(_FASTEST * along.T, 0.49 * float(np.min(np.diff(edges))))
-        if P is None:
+        if P is None or not _moving_holds(along, edges, P, low):
             continue
-
-        def holds(step: float, loads: np.ndarray | None = loads, P: np.ndarray = P) -> bool:
-            progress.step("speeds")
-            return all(
-                _moving_holds(along, slab, P[slab.number : slab.number + (1 if loads is None else 2)], step)
-                for slab in _slabs(edges, loads)
-            )
-
-        if not holds(low):
-            continue
-        if holds(high):
-            return Moving(edges, loads, P, high, True)
+        if _moving_holds(along, edges, P, high):
+            return Moving(edges, P, high, True)
         while high > 1.05 * low:
+            progress.step("speeds")
             step = float(np.sqrt(low * high))
-            low, high = (step, high) if holds(step) else (low, step)
-        return Moving(edges, loads, P, low, False)
+            low, high = (step, high) if _moving_holds(along, edges, P, step) else (low, step)
+        return Moving(edges, P, low, False)
     return None
 
 
-def _lyapunov_along(
-    along: AlongTravel, edges: np.ndarray, loads: np.ndarray | None, share: float
-) -> np.ndarray | None:
-    """Return P at positions and payloads: Aᵀ P A < decay² P, the decay a share of the way from 1 to the largest |z|."""
+def _lyapunov_along(along: AlongTravel, edges: np.ndarray, share: float) -> np.ndarray | None:
+    """Return P at positions: Aᵀ P A < decay² P, the decay a share of the way from 1 to the largest |z|."""
+    cell, X = along.matrices(edges, edges)
     n = along.states
-    rows: list[np.ndarray] = []
-    for load in (None,) if loads is None else loads.tolist():
-        payload = None if load is None else np.full(edges.size, load)
-        cell, X = along.matrices(edges, edges, 0.0, payload, payload)
-        found = np.zeros((edges.size, n, n))
-        for i, place in enumerate(cell):
-            A, c = X.terms[0, i, :n, :n], X.terms[0, i, n:, :n]
-            growth = float(np.max(np.abs(np.linalg.eigvals(A))))
-            if growth >= 1.0:
-                return None
-            P = _lyapunov(A / (1.0 - share * (1.0 - growth)), c.T @ c + _WEAK * np.eye(n))
-            found[place] = 0.5 * (P + P.T)
-        rows.append(found)
-    return np.array(rows)
+    found = np.zeros((edges.size, n, n))
+    for i, place in enumerate(cell):
+        A, c = X.terms[0, i, :n, :n], X.terms[0, i, n:, :n]
+        growth = float(np.max(np.abs(np.linalg.eigvals(A))))
+        if growth >= 1.0:
+            return None
+        P = _lyapunov(A / (1.0 - share * (1.0 - growth)), c.T @ c + _WEAK * np.eye(n))
+        found[place] = 0.5 * (P + P.T)
+    return found
 
 
-def _moving_holds(along: AlongTravel, slab: _Slab, P: np.ndarray, step: float) -> bool:
+def _moving_holds(along: AlongTravel, edges: np.ndarray, P: np.ndarray, step: float) -> bool:
     """Return True if the moving loop is proven stable for a motion of at most `step` (m) in a sample.
 
-    P  at the edges of the cells, linear between them, with the least and the largest payload of the slab: shape
-       (1 or 2, edges, n, n).  The axis is at y in a sample, and the law reads one within a step of it: from one sample
-       to the next y changes by two steps at most.
+    P  at the edges of the cells, linear between them.  The axis is at y in a sample, and the law reads one within
+    a step of it: from one sample to the next y changes by two steps at most.
     """
-    cell, X = slab.enclosed(along, step)
+    low, high = edges[:-1], edges[1:]
+    cell, X = along.matrices(low, high, step if along.places else 0.0)
     n = along.states
     corners, rest = X.corners()
     corners, rest, slopes = corners[:, :, :n, :n], rest[:, :n, :n], X.slope[:, :, :n, :n]
     rest = rest + _ROUND * (len(slopes) + 1) * (np.abs(corners).max(axis=0) + np.sum(np.abs(slopes), axis=0))
-    # the slope along the payload is the last one: P is linear along it, too
-    with_payload = np.zeros((2, *rest.shape)) if slab.least is None else slopes[-2:]
-    slopes = slopes if slab.least is None else slopes[:-2]
-    weight = 0.5 * np.mean(P[:, :-1] + P[:, 1:], axis=0)[cell]
+    first, last = P[:-1][cell], P[1:][cell]
+    change = np.diff(P, axis=0) / np.diff(edges)[:, None, None]
+    left, right = change[np.maximum(cell - 1, 0)], change[np.minimum(cell + 1, len(change) - 1)]
+    weight = 0.5 * (first + last)
     whiten = np.linalg.inv(np.linalg.cholesky(weight))
     # few cells are near a place, and all others have no slope along its variables
     turning = np.any(slopes != 0.0, axis=(2, 3))
-    patterns = np.unique(turning, axis=1).T if len(slopes) else [np.zeros(0, bool)]
-    for (end, here_), pattern in product(enumerate(P), patterns):
-        first, last = here_[:-1][cell], here_[1:][cell]
-        change = np.diff(here_, axis=0) / np.diff(slab.edges)[:, None, None]
-        left, right = change[np.maximum(cell - 1, 0)], change[np.minimum(cell + 1, len(change) - 1)]
-        here = np.flatnonzero(np.all(turning == pattern[:, None], axis=0)) if len(slopes) else np.arange(cell.size)
+    for pattern in np.unique(turning, axis=1).T if len(slopes) else [np.zeros(0, bool)]:
+        here = np.flatnonzero(np.all(turning == pattern[:, None], axis=0))
         for k, corner in enumerate(corners):
-            share = k / ORDER
-            after = ((1.0 - share) * first + share * last)[here]
-            loaded = corner + (2 * end - 1) * (with_payload[0] + (2.0 * share - 1.0) * with_payload[1])
+            after = ((1.0 - k / ORDER) * first + k / ORDER * last)[here]
             for sign in product((-1.0, 1.0), repeat=int(np.sum(pattern))):
-                value = loaded[here]
+                value = corner[here]
                 for s, slope in zip(sign, slopes[pattern], strict=True):
                     value = value + s * slope[here]
                 # the change of P on the way from the last sample is a mean of those of the cells on it
