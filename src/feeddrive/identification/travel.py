@@ -1,8 +1,9 @@
 """Numbers of an axis over its travel, over the payload, or over both, from measurements at a few places."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -68,6 +69,28 @@ class TravelFit(Result):
                     f"nothing is extrapolated; measure there, too"
                 )
         return self._at(place, payload)
+
+    def with_payload(self, payload: float) -> Self:
+        """Return the fit over the positions alone, with one payload (kg).
+
+        Its places are the measured positions, and its values those of the polynomial there.
+        """
+        assert self.payloads is not None
+        places = np.unique(self.places)
+        found = np.array([self.at(float(place), payload) for place in places])
+        # s^k of the payload, once for each power of t
+        along = _powers((self.payloads, None), (np.array([payload]), None), (self.payload_degree, 0))
+        turn = np.kron(np.eye(self.degree + 1), along)
+        return replace(
+            self,
+            places=places,
+            values=found[:, 0],
+            errors=found[:, 1],
+            coefficients=turn @ self.coefficients,
+            covariance=turn @ self.covariance @ turn.T,
+            payloads=None,
+            payload_degree=0,
+        )
 
     def _at(self, place: float, payload: float | None) -> tuple[float, float]:
         at = np.array([place]), None if payload is None else np.array([payload])

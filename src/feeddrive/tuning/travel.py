@@ -58,12 +58,14 @@ class Travel(Result):
     loop      the axis at the first position with the least payload, with its control
     fits      each number of the axis that changes along the travel, by path, over the position and the payload
     payloads  kg, ascending; None for an axis whose payload never changes
+    payload   kg, of an axis that was measured with several and that carries this one (`with_payload`)
     """
 
     loop: Loop
     positions: np.ndarray
     fits: Mapping[str, TravelFit]
     payloads: np.ndarray | None = None
+    payload: float | None = None
 
     @classmethod
     def of(cls, loops: Measured, errors: Mapping[Any, Mapping[str, float]] | None = None) -> Self:
@@ -127,6 +129,12 @@ class Travel(Result):
                 )
         return tree.vary(self.loop, {path: fit.at(position, payload)[0] for path, fit in self.fits.items()})
 
+    def with_payload(self, payload: float) -> Self:
+        """Return the travel of the axis with one payload (kg), which must lie between those that were measured."""
+        loop = self.at(float(self.positions[0]), payload)
+        fits = {path: fit.with_payload(payload) for path, fit in self.fits.items()}
+        return replace(self, loop=loop, fits=fits, payloads=None, payload=payload)
+
     def table(self) -> Table:
         """Return the numbers that change along the travel, at the places that were measured."""
         loads = self.payloads is not None
@@ -156,9 +164,7 @@ def frozen(control: Control, position: float, payload: float | None = None) -> C
     law = control.law
     if not isinstance(law, GainSchedule):
         return control
-    if payload is not None and law.payload is not None:
-        law = replace(law, payload=payload)
-    return replace(control, law=law.law_at(position))
+    return replace(control, law=(law if payload is None else law.with_payload(payload)).law_at(position))
 
 
 class AtPosition(NamedTuple):

@@ -185,6 +185,10 @@ class GainSchedule(Law):
     def scheduled_at(self) -> tuple[Number, ...]:
         return tuple(place.position for place in self.places)
 
+    def with_payload(self, payload: Number) -> Self:
+        """Return the schedule with another payload (kg) on the table; itself if it is over the position alone."""
+        return self if self.payload is None else replace(self, payload=payload)
+
     def law_at(self, position: float) -> Law:
         """Return the law with its parameters at a position (m): the schedule, for an axis that stays there."""
         return self._at(self.prepare(1.0), position)
