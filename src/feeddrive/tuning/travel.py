@@ -10,7 +10,8 @@ import numpy as np
 
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.controller.gain_schedule import GainSchedule
-from feeddrive.blocks.controller.schedule_place import ScheduleLoad, SchedulePlace
+from feeddrive.blocks.controller.schedule_load import ScheduleLoad
+from feeddrive.blocks.controller.schedule_place import SchedulePlace
 from feeddrive.blocks.families import Law
 from feeddrive.figures.catalogue import goals
 from feeddrive.figures.figure import Figure, Limit
