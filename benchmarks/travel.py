@@ -96,7 +96,7 @@ def drawn(random: np.random.Generator, law: str = "cascade_ppi", *, payloads: bo
             loaded = m2 + float(load)
             mode = np.sqrt(1.0 / (a + b * x) * (m1 + loaded) / (m1 * loaded))
             if law == "linear_adrc":
-                rate = mode * random.uniform(0.05, 0.09)
+                rate = mode * random.uniform(0.03, 0.055)
                 gains[-1].append([m1 + loaded, rate, rate * random.uniform(3.0, 5.0)])
             else:
                 rate = mode * random.uniform(0.25, 0.4)

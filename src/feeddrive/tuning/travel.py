@@ -33,7 +33,7 @@ from feeddrive.tuning.operating_point import modelled_point
 from feeddrive.tuning.tune import Tuned, tune_control
 
 _ROOM = 2e-3  # of a limit: tolerance at a position, as in the proof of a tuning
-_ROUNDS = 4  # in which places give way to the positions between them
+_ROUNDS = 12  # in which places give way to the positions between them
 
 
 class Pair(NamedTuple):

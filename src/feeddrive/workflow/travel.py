@@ -119,7 +119,8 @@ class TravelRequest(Request, more=limit_options(), after="law"):
         if self.certify is not None and self.payload and self.prove_payload is None:
             raise ParameterError("a proof along the travel is that of one payload: name it by --prove-payload")
         for name in ("kept", "prove_ms", "frozen", "prove_payload"):
-            if getattr(self, name) not in (None, False) and self.certify is None:
+            value = getattr(self, name)
+            if value is not None and value is not False and self.certify is None:
                 raise ParameterError(
                     f"--{name.replace('_', '-')} is about a proof: name its file by --certify proof.json"
                 )
