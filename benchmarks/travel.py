@@ -55,7 +55,9 @@ class Drawn(NamedTuple):
     b: float
     lag: float
     places: np.ndarray
-    gains: np.ndarray  # (places, Kv Kp Tn) or, of linear ADRC, (places, mass omega_c omega_o); with a payload in between
+    gains: (
+        np.ndarray
+    )  # (places, Kv Kp Tn) or, of linear ADRC, (places, mass omega_c omega_o); with a payload in between
     law: str = "cascade_ppi"
     loads: np.ndarray | None = None  # payloads of the gains, kg: gains are then (places, loads, 3)
 
@@ -111,9 +113,7 @@ def law_of(axis: Drawn, gains: np.ndarray) -> Law:
     """Return the law of the library with three gains."""
     first, second, third = map(float, gains)
     if axis.law == "linear_adrc":
-        return LinearADRC(
-            mass=first, omega_c=second, omega_o=third, delay_samples=1, encoder="motor", position="load"
-        )
+        return LinearADRC(mass=first, omega_c=second, omega_o=third, delay_samples=1, encoder="motor", position="load")
     return CascadePPI(Kv=first, Kp=second, Tn=third)
 
 
@@ -214,10 +214,15 @@ def frozen_adrc(A: np.ndarray, b: np.ndarray, mass: float, omega_c: float, omega
     whole = np.zeros((n, n))
     whole[:5, :5], whole[:5, 5] = A, b
     whole[5], whole[6], whole[7], whole[8], whole[9], whole[10] = u, u, rows[6], x, v, d
-    growth = float(np.max(np.abs(np.linalg.eigvals(whole))))
+    poles, modes = np.linalg.eig(whole)
+    growth = float(np.max(np.abs(poles)))
+    residues = (u @ modes) * np.linalg.solve(modes, rows[5])
 
     def sensitivity(lines: np.ndarray) -> np.ndarray:
         z = np.exp(2j * np.pi * lines * T)
+        if lines.size > 100:
+            # by its modes to find the peak; its value is that of the equations themselves
+            return np.abs(1.0 + np.sum(residues / (z[:, None] - poles), axis=1))
         inner = np.linalg.solve(z[:, None, None] * np.eye(n) - whole, np.broadcast_to(rows[5][:, None], (z.size, n, 1)))
         return np.abs(1.0 + (u @ inner)[:, 0])
 

@@ -77,7 +77,9 @@ def bound(travel: Travel, law: str, goal: str, filters: str) -> float:
 def tables(travel: Travel) -> None:
     """Print both tables of docs/travel.md."""
     heads = [Column(f"{x:g} m", "share") for x in PLACES]
-    print(Table("a schedule against fixed gains", ["law", "goal", *heads, Column("worst", "share")], list(gains(travel))))
+    print(
+        Table("a schedule against fixed gains", ["law", "goal", *heads, Column("worst", "share")], list(gains(travel)))
+    )
     rows: list[list[str | float]] = [
         [law, goal, *(bound(travel, law, goal, filters) for filters in ("kept", "placed"))]
         for law in LAWS

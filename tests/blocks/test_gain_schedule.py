@@ -146,8 +146,7 @@ def loaded(law: Law, payload: float, random: np.random.Generator) -> tuple[GainS
         SchedulePlace(
             position=x,
             loads=tuple(
-                ScheduleLoad(payload=m, law=scaled(law, float(factor)))
-                for m, factor in zip(PAYLOADS, row, strict=True)
+                ScheduleLoad(payload=m, law=scaled(law, float(factor))) for m, factor in zip(PAYLOADS, row, strict=True)
             ),
         )
         for x, row in zip(POSITIONS, factors, strict=True)
@@ -189,7 +188,10 @@ def test_payloads_that_do_not_fit_their_places_are_refused() -> None:
     place = SchedulePlace(position=0.0, loads=tuple(load))
     other = SchedulePlace(position=1.0, law=PPI)
     for given, said in (
-        ({"places": (place, replace(place, position=1.0))}, "payload is absent: a schedule over the payload needs both"),
+        (
+            {"places": (place, replace(place, position=1.0))},
+            "payload is absent: a schedule over the payload needs both",
+        ),
         ({"payload": 10.0, "places": (other, replace(other, position=2.0))}, "places.0 has one law for all payloads"),
         ({"payload": 10.0, "places": (place, other)}, "places.1"),
         ({"payload": 301.0, "places": (place, replace(place, position=1.0))}, "must be between 0 kg and 300 kg"),
@@ -199,7 +201,10 @@ def test_payloads_that_do_not_fit_their_places_are_refused() -> None:
     for given, said in (
         ({"loads": tuple(load), "law": PPI}, "needs either law or loads, and has both"),
         ({"loads": tuple(load[:1])}, "holds 1 payloads; it must be 2 to 10"),
-        ({"loads": tuple(load[::-1])}, r"loads\.1\.payload = 0 kg must be > 300 kg, the payload of loads\.0: list the lo"),
+        (
+            {"loads": tuple(load[::-1])},
+            r"loads\.1\.payload = 0 kg must be > 300 kg, the payload of loads\.0: list the lo",
+        ),
         ({"loads": (load[0], ScheduleLoad(payload=9.0, law=LAWS["dadsc"]))}, "from cascade_ppi to dadsc with the payl"),
     ):
         with pytest.raises((ParameterError, StructureError), match=said):
@@ -238,7 +243,11 @@ SECOND = 'position_mm = 1500\nlaw = { kind = "cascade_ppi", Kv = 35, Kp = 2.6e5,
         ("Tn_ms = 28", "Tn_ms = 28, velocity_samples = 2", r"velocity_samples would go from 1 to 2 along the travel"),
         (", Tn_ms = 28", "", r"places\.1\.law\.Tn would be left out along the travel"),
         ("2.6e5", "[2.6e5, 3e5]", r"places\.1\.law\.Kp .* must be a number"),
-        (SECOND, "position_mm = 1500", r"places\.1: schedule_place needs either law or loads, and has neither: give the law"),
+        (
+            SECOND,
+            "position_mm = 1500",
+            r"places\.1: schedule_place needs either law or loads, and has neither: give the law",
+        ),
         (SECOND, SECOND.replace("position_mm = 1500\n", ""), r"places\.1: schedule_place needs position"),
         (
             SECOND,

@@ -125,16 +125,16 @@ def test_over_pairs_a_mass_follows_the_payload_a_stiffness_the_position_and_a_fr
         table = float(random.uniform(100.0, 900.0))
         level, slope = random.uniform(50.0, 300.0), random.uniform(0.005, 0.02)
         cases = (
-            (one_end(x), "N/m", (1, 0), one_end),
-            (table + m, "kg", (0, 1), lambda _, load: table + load),
-            (level + slope * 9.81 * m * (1.0 + x), "N", (1, 1), lambda at, load: level + slope * 9.81 * load * (1.0 + at)),
+            (lambda at, _: one_end(at), "N/m", (1, 0)),
+            (lambda _, load, table=table: table + load, "kg", (0, 1)),
+            (lambda at, load, F=level, a=slope: F + a * 9.81 * load * (1.0 + at), "N", (1, 1)),
         )
-        for values, unit, powers, true in cases:
-            fit = fit_over_travel(x, values, 0.01 * np.asarray(values), payloads=m, unit=unit)
+        for true, unit, powers in cases:
+            values = np.asarray(true(x, m))
+            fit = fit_over_travel(x, values, 0.01 * values, payloads=m, unit=unit)
             assert (fit.degree, fit.payload_degree) == powers
             at, load = float(random.uniform(x.min(), x.max())), float(random.uniform(m.min(), m.max()))
-            expected = true(at) if unit == "N/m" else true(at, load)  # type: ignore[operator]
-            assert fit.at(at, load)[0] == pytest.approx(expected, rel=1e-9)
+            assert fit.at(at, load)[0] == pytest.approx(true(at, load), rel=1e-9)
             one = fit.with_payload(load)
             assert one.at(at) == pytest.approx(fit.at(at, load), rel=1e-9)
             assert len(fit.table().rows) == x.size
@@ -148,7 +148,9 @@ def test_the_standard_errors_over_pairs_cover() -> None:
     for _ in range(300):
         true = 400.0 + m
         try:
-            fit = fit_over_travel(x, true * (1.0 + 0.02 * random.standard_normal(9)), 0.02 * true, payloads=m, unit="kg")
+            fit = fit_over_travel(
+                x, true * (1.0 + 0.02 * random.standard_normal(9)), 0.02 * true, payloads=m, unit="kg"
+            )
         except NotIdentifiableError:
             continue
         for at, load in ((0.9, 100.0), (1.5, 350.0), (2.6, 20.0)):
@@ -161,7 +163,10 @@ def test_pairs_that_leave_a_corner_or_too_few_places_are_refused() -> None:
     x, m = (row.ravel() for row in np.meshgrid([0.4, 1.5, 2.7], [0.0, 200.0, 500.0], indexing="ij"))
     k = np.asarray(one_end(x))
     for kept, said in (
-        (slice(0, 8), r"no measurement at 2\.7 m with 500 kg; the first and the last position are needed with the least"),
+        (
+            slice(0, 8),
+            r"no measurement at 2\.7 m with 500 kg; the first and the last position are needed with the least",
+        ),
         (slice(0, 6), "2 positions; 3 to 10 are needed"),
         (m < 300.0, "2 payloads; 3 to 10 are needed"),
         ([0, 0, *range(1, 9)], r"the place 0\.4 m with 0 kg is given twice"),
@@ -169,6 +174,9 @@ def test_pairs_that_leave_a_corner_or_too_few_places_are_refused() -> None:
         with pytest.raises(ParameterError, match=said):
             fit_over_travel(x[kept], k[kept], payloads=m[kept])
     fit = fit_over_travel(x, k, payloads=m)
-    for given, said in (((1.0,), "with payloads: name one"), ((1.0, 501.0), r"at 501 kg: it was measured from 0 kg to 50")):
+    for given, said in (
+        ((1.0,), "with payloads: name one"),
+        ((1.0, 501.0), r"at 501 kg: it was measured from 0 kg to 50"),
+    ):
         with pytest.raises(ParameterError, match=said):
             fit.at(*given)

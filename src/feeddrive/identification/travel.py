@@ -224,8 +224,8 @@ def require_pairs(name: str, places: np.ndarray, payloads: np.ndarray) -> None:
         for load in (float(np.min(payloads)), float(np.max(payloads))):
             if (place, load) not in pairs:
                 raise ParameterError(
-                    f"{name}: no measurement at {Quantity(place, 'm'):6 SI} with {Quantity(load, 'kg'):6 SI}; the first "
-                    f"and the last position are needed with the least and the largest payload, because nothing is "
+                    f"{name}: no measurement at {Quantity(place, 'm'):6 SI} with {Quantity(load, 'kg'):6 SI}; the "
+                    f"first and the last position are needed with the least and the largest payload: nothing is "
                     f"extrapolated; measure there, too"
                 )
 
@@ -244,9 +244,7 @@ _Coordinates = tuple[np.ndarray, np.ndarray | None]  # positions and, if there a
 
 def _candidates(x: np.ndarray, loads: np.ndarray | None) -> list[tuple[int, int]]:
     """Return pairs of powers with at least one place more than coefficients, those with the fewest first."""
-    first, second = (
-        0 if row is None else min(_DEGREE, np.unique(row).size - 2, x.size - 2) for row in (x, loads)
-    )
+    first, second = (0 if row is None else min(_DEGREE, np.unique(row).size - 2, x.size - 2) for row in (x, loads))
     pairs = [(j, k) for j in range(first + 1) for k in range(second + 1) if (j + 1) * (k + 1) < x.size]
     return sorted(pairs, key=lambda pair: ((pair[0] + 1) * (pair[1] + 1), pair[1]))
 

@@ -85,7 +85,9 @@ class Travel(Result):
         places = np.array([pair.position for pair in pairs], float)
         loads = np.array([pair.payload for pair in pairs if pair.payload is not None], float)
         if loads.size not in (0, places.size):
-            raise ParameterError("some positions have a payload and others have none: give the payload of each, or none")
+            raise ParameterError(
+                "some positions have a payload and others have none: give the payload of each, or none"
+            )
         if loads.size:
             require_pairs("the axis", places, loads)
         elif places.size < FEWEST:
@@ -140,7 +142,14 @@ class Travel(Result):
         """Return the numbers that change along the travel, at the places that were measured."""
         loads = self.payloads is not None
         rows = [
-            [path, float(place), *([float(fit.payloads[i])] if fit.payloads is not None else []), value, error, fit.unit]
+            [
+                path,
+                float(place),
+                *([float(fit.payloads[i])] if fit.payloads is not None else []),
+                value,
+                error,
+                fit.unit,
+            ]
             for path, fit in self.fits.items()
             for i, (place, value, error) in enumerate(zip(fit.places, *map(np.ndarray.tolist, fit.fitted), strict=True))
         ]
@@ -274,8 +283,7 @@ class TunedTravel(Result):
         broken = next((row for row in self.after if not row.keeps), None)
         if broken is not None:
             return Text(
-                f"at {broken.pair.text} the schedule does not keep its limits ({broken.text}): add "
-                f"a place there"
+                f"at {broken.pair.text} the schedule does not keep its limits ({broken.text}): add a place there"
             )
         worst = max(self.after, key=lambda row: row.goal)
         places = f"{len(self.after)} {'positions' if worst.payload is None else 'pairs of position and payload'}"
@@ -287,7 +295,15 @@ class TunedTravel(Result):
     def table(self) -> Table:
         """Return goal and Ms of fixed gains and schedule at every position."""
         rows = [
-            [*(x for x in old.pair if x is not None), old.goal, new.goal, old.goal / new.goal - 1.0, _peak(old), _peak(new), new.text or "kept"]
+            [
+                *(x for x in old.pair if x is not None),
+                old.goal,
+                new.goal,
+                old.goal / new.goal - 1.0,
+                _peak(old),
+                _peak(new),
+                new.text or "kept",
+            ]
             for old, new in zip(self.before, self.after, strict=True)
         ]
         columns = [
@@ -429,8 +445,7 @@ class _Nodes:
             pairs = zip(self.positions, laws, strict=True)
             return GainSchedule(places=tuple(SchedulePlace(position=x, law=law) for x, law in pairs))
         loads = [
-            ScheduleLoad(payload=group[0].payload or 0.0, law=law)
-            for group, law in zip(self.groups, laws, strict=True)
+            ScheduleLoad(payload=group[0].payload or 0.0, law=law) for group, law in zip(self.groups, laws, strict=True)
         ]
         count = len(self.payloads)
         places = tuple(

@@ -1,6 +1,7 @@
 """`feeddrive travel`: tune a law over the travel of an axis, as a schedule of its parameters over the position.
 
-With `--payload` the schedule is over the payload, too.  With `--certify` the control is proven at every position between the measured ones, and up to a speed.
+With `--payload` the schedule is over the payload, too.  With `--certify` the control is proven at every position
+between the measured ones, and up to a speed.
 """
 
 from __future__ import annotations
@@ -63,8 +64,7 @@ class TravelRequest(Request, more=limit_options(), after="law"):
         least=0.0,
     )
     robust: bool = option(
-        "with --payload: gains by the position alone, that keep the limits with every payload; default: by the payload, "
-        "too",
+        "with --payload: gains by the position alone, that keep the limits with every payload; default: by both",
         default=False,
     )
     goal: str = option("goal of the tuning", default="rope-snap", options=tuple(goals()))
@@ -101,8 +101,8 @@ class TravelRequest(Request, more=limit_options(), after="law"):
             )
         if len(self.payload) not in (0, len(self.machines)):
             raise ParameterError(
-                f"--payload is given {len(self.payload)} times for {len(self.machines)} machine files: give the payload "
-                f"of each file, in the order of the files, or none"
+                f"--payload is given {len(self.payload)} times for {len(self.machines)} machine files: give the "
+                f"payload of each file, in the order of the files, or none"
             )
         pairs = self.pairs()
         twice = next((pair for i, pair in enumerate(pairs) if pair in pairs[:i]), None)
@@ -115,7 +115,9 @@ class TravelRequest(Request, more=limit_options(), after="law"):
         if self.robust and not self.payload:
             raise ParameterError("--robust is about payloads: give the payload of each machine file by --payload")
         if self.prove_payload is not None and not self.payload:
-            raise ParameterError("--prove-payload is about payloads: give the payload of each machine file by --payload")
+            raise ParameterError(
+                "--prove-payload is about payloads: give the payload of each machine file by --payload"
+            )
         if self.certify is not None and self.payload and self.prove_payload is None:
             raise ParameterError("a proof along the travel is that of one payload: name it by --prove-payload")
         for name in ("kept", "prove_ms", "frozen", "prove_payload"):

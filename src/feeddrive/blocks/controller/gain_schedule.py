@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, NamedTuple, Self
 
 from feeddrive.blocks.axis_model import AxisModel, Start
@@ -113,7 +114,7 @@ class GainSchedule(Law):
     def rules(self) -> Iterator[Rule]:
         """Yield the validity rules: the positions ascend, and every place knows the payload."""
         positions = [place.position for place in self.places]
-        for i, (before, after) in enumerate(zip(positions, positions[1:], strict=False)):
+        for i, (before, after) in enumerate(pairwise(positions)):
             yield ascends(f"{self.kind}.places", "position", "m", i, before, after)
         if self.payload is not None:
             for i, place in enumerate(self.places):

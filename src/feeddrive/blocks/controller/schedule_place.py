@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, Self
 
 from feeddrive.blocks.controller.schedule_load import ScheduleLoad, require_schedulable
@@ -57,7 +58,7 @@ class SchedulePlace(Block):
     def rules(self) -> Iterator[Rule]:
         """Yield the validity rules: the payloads ascend."""
         payloads = [load.payload for load in self.loads]
-        for i, (before, after) in enumerate(zip(payloads, payloads[1:], strict=False)):
+        for i, (before, after) in enumerate(pairwise(payloads)):
             yield ascends(f"{self.kind}.loads", "payload", "kg", i, before, after)
 
     def laws(self) -> tuple[tuple[str, Law], ...]:
@@ -88,7 +89,7 @@ class SchedulePlace(Block):
 
 def slopes(places: Sequence[Number], rows: Sequence[Sequence[Any]]) -> tuple[tuple[Number, ...], tuple[Any, ...]]:
     """Return the widths of the intervals between places, and in each of them the slope of every parameter."""
-    widths = tuple(after - before for before, after in zip(places, places[1:], strict=False))
+    widths = tuple(after - before for before, after in pairwise(places))
     pairs = zip(rows, rows[1:], widths, strict=False)
     return widths, tuple(tuple((b - a) / width for a, b in zip(x, y, strict=True)) for x, y, width in pairs)
 
