@@ -242,7 +242,7 @@ def test_the_proof_of_one_payload_is_that_of_the_gains_for_it() -> None:
             position=place.position,
             loads=(
                 ScheduleLoad(payload=0.0, law=place.law),
-                ScheduleLoad(payload=heavy, law=replace(place.law, Kp=1.6 * place.law.Kp)),
+                ScheduleLoad(payload=heavy, law=replace(place.law, Kp=2.5 * place.law.Kp)),
             ),
         )
         for place in schedule().places
@@ -258,10 +258,10 @@ def test_the_proof_of_one_payload_is_that_of_the_gains_for_it() -> None:
         prove_along_travel(travel, control)
     payload = float(random.uniform(20.0, 100.0))
     worst = 0.0
-    for x in np.linspace(0.0, 1.0, 41):
+    for x in np.linspace(0.0, 1.0, 21):
         loop = replace(carrying(float(x), payload), control=frozen(control, float(x), payload))
         model = linearize(loop, ["cut"], ["force"])
-        lines = np.geomspace(1.0, 0.5 / T, 20_000)
+        lines = np.geomspace(1.0, 0.5 / T, 4000)
         worst = max(worst, float(np.max(1.0 / np.abs(1.0 - model.response(lines, "force", "cut").response))))
     one = travel.with_payload(payload)
     above = prove_along_travel(one, control, sensitivity_peak=1.005 * worst, speed=False)
