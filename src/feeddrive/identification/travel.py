@@ -306,10 +306,11 @@ def _check(
         if row is not None and wrong.size:
             shown = Quantity(float(row[wrong[0]]), unit_)
             raise ParameterError(f"{name}: {what} {wrong[0] + 1} of {x.size} is {shown:6 SI}; it must be > 0")
-    pairs = [(place,) for place in x.tolist()] if loads is None else list(zip(x.tolist(), loads.tolist(), strict=True))
+    loads_ = [None] * x.size if loads is None else loads.tolist()
+    pairs = list(zip(x.tolist(), loads_, strict=True))
     twice = next((pair for pair in pairs if pairs.count(pair) > 1), None)
     if twice is not None:
-        with_ = "" if loads is None else f" with {Quantity(twice[1], 'kg'):6 SI}"
+        with_ = "" if twice[1] is None else f" with {Quantity(twice[1], 'kg'):6 SI}"
         raise ParameterError(
             f"{name}: the place {Quantity(twice[0], over):6 SI}{with_} is given twice; give each place once, with the "
             f"mean of its measurements"

@@ -49,7 +49,7 @@ class Pair(NamedTuple):
         return Text(f"{Quantity(self.position, 'm'):6 SI}{with_}")
 
 
-Measured = Mapping[float, Loop] | Mapping[tuple[float, float], Loop]
+Measured = Mapping[float, Loop] | Mapping[tuple[float, float], Loop] | Mapping[Pair, Loop]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,8 +113,9 @@ class Travel(Result):
             if len(set(values)) > 1:
                 sigma = None if errors is None else [errors[by_pair[pair]][path] for pair in pairs]
                 unit = tree.declaration(first, path).unit
-                over = {"payloads": loads} if loads.size else {}
-                fits[path] = fit_over_travel(places, values, sigma, name=path, unit=unit, **over)
+                fits[path] = fit_over_travel(
+                    places, values, sigma, name=path, unit=unit, payloads=loads if loads.size else None
+                )
         return cls(first, np.unique(places), fits, np.unique(loads) if loads.size else None)
 
     def at(self, position: float, payload: float | None = None) -> Loop:
