@@ -61,6 +61,8 @@ def stated(value: float, unit: str = "", digits: str = "4", *, bare: bool = Fals
 # largest difference from an exact value, in SI units or as a share, that rounding and the hold of a sample may leave
 ROUNDING = 1e-4
 ORDER = "an order, for which no figure was given"
+# of a claim whose figure is a difference from another computation or a closed form
+DIFFERENCE = "a difference, which is never less than 0"
 # why the bounds of `kept` stand: no other computation of the figure is known
 KEPT = "computed here, held to 10 %: guards against change, no truth"
 
