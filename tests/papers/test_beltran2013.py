@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from documented import claims_documented
+from documented import claims_documented, loose
 from feeddrive.blocks.friction.regularised import Regularised
 from feeddrive.language.progress import Progress
 from feeddrive.loop.loop import Signals
@@ -31,6 +31,10 @@ def found() -> Experiment:
 def test_every_claim_holds(found: Experiment) -> None:
     assert not found.broken, found.table()
     assert len({claim.key for claim in found.claims}) == len(found.claims)
+
+
+def test_no_claim_accepts_anything_on_one_side_without_a_reason(found: Experiment) -> None:
+    assert not loose(found.claims)
 
 
 @whole

@@ -8,7 +8,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from documented import claims_documented
+from documented import claims_documented, loose
 from feeddrive.blocks.friction.regularised import Regularised
 from feeddrive.language.progress import Progress
 from feeddrive.learning.trials import learn_signal
@@ -31,6 +31,11 @@ def experiment() -> Experiment:
 @learning
 def test_every_claim_holds(experiment: Experiment) -> None:
     assert not [(claim.key, claim.claim, claim.shown, claim.bounds) for claim in experiment.broken]
+
+
+@learning
+def test_no_claim_accepts_anything_on_one_side_without_a_reason(experiment: Experiment) -> None:
+    assert not loose(experiment.claims)
 
 
 @learning

@@ -139,11 +139,9 @@ class Claim:
         """True if the claim accepts anything above or below its bound and does not say why."""
         if self.least is not None and self.most is not None:
             return False
-        if self.least is None and self.most is not None:
-            # a difference from 0, which is never less
-            if 0.0 < stated(self.most, self.unit).value <= ROUNDING:
-                return False
-        return not self.one_sided
+        # a difference from 0, which is never less
+        exact = self.most is not None and 0.0 < float(stated(self.most, self.unit).value) <= ROUNDING
+        return not exact and not self.one_sided
 
     @property
     def bounds(self) -> Text:

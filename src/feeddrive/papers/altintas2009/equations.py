@@ -225,11 +225,11 @@ def _closed_form(law: DADSC, ppi: CascadePPI) -> list[Claim]:
     for name, loop_, column in columns:
         response = _run(loop_, kick).position
         # the printed form is evaluated, too: the claim shows that it is a misprint
-        for printed in (False, True):
-            expected = testbed.transfer(column, MASS, T, printed=printed).impulse(kick.size)
+        for as_printed in (False, True):
+            expected = testbed.transfer(column, MASS, T, printed=as_printed).impulse(kick.size)
             off = float(np.max(np.abs(response - expected)) / np.max(np.abs(response)))
             rule = f"{IDEAL}; F_d = 1 N in sample 0; largest difference over the peak, 1000 samples"
-            if printed:
+            if as_printed:
                 claims.append(
                     Claim(
                         "1.b",

@@ -225,8 +225,9 @@ def _rise_of_filter() -> float:
 
 
 def _rise_of_kalman() -> float:
-    """Return the time in ms to 90 % of a force step on an axis without a law, with the gain of scipy's Riccati equation:
-    what a filter that knows the drive's force sees does not depend on that force.
+    """Return the time in ms to 90 % of a force step on a free axis, with the gain of scipy's Riccati equation.
+
+    What a filter that knows the drive's force sees does not depend on that force.
     """
     from scipy.linalg import expm, solve_discrete_are
 

@@ -272,7 +272,8 @@ def _fair() -> list[Claim]:
             rule,
             errors["P-PI"] / errors["DADSC"],
             *quotient("0.90", "1.04"),
-            expected="0.90/1.04, each to half a unit of its last digit: both are PIDs; the cascade has real zeros, DADSC real poles",
+            expected="0.90/1.04, each to half a unit of its last digit: both are PIDs; the cascade has real zeros, "
+            "DADSC real poles",
         ),
     ]
 
@@ -524,7 +525,16 @@ def _saturation() -> tuple[list[Claim], list[Picture]]:
             unit="mm",
             expected="1.5; more than with back-calculation",
         ),
-        Claim("1.h", "overshoot without any of it: it runs away", rule, over["none"], 285.0, 295.0, "mm", "290 to two digits"),
+        Claim(
+            "1.h",
+            "overshoot without any of it: it runs away",
+            rule,
+            over["none"],
+            285.0,
+            295.0,
+            "mm",
+            "290",
+        ),
     ]
     shown = {name: 1e3 * named[name][:1500] for name in ("freezing", "back-calculation")}
     picture = Picture(

@@ -88,7 +88,13 @@ def beltran2013(progress: Progress) -> Experiment:
         *_cut_claims(cutter, turned),
         *_table_claims(run_errors, opposite, runs, long),
         *_limit_claims(sines),
-        *shipped.numbered([*shipped.side_claims(side[0], side[1], milled), *shipped.velocity_claims(runs[LINEAR.name], LINEAR), *beside]),
+        *shipped.numbered(
+            [
+                *shipped.side_claims(side[0], side[1], milled),
+                *shipped.velocity_claims(runs[LINEAR.name], LINEAR),
+                *beside,
+            ]
+        ),
     )
     return Experiment(
         name="beltran2013",

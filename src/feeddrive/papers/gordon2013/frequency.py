@@ -14,11 +14,11 @@ from feeddrive import plot
 from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.measured_loop import measured_loop
 from feeddrive.analysis.stiffness import rope_snap, stiffness
+from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.language import tree
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import UNIT, Cell, Column, Table
 from feeddrive.language.text import Text
-from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.learning.trajectory_prefilter import tune_prefilter
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace, compliance, linearize, loop_gain, tracking

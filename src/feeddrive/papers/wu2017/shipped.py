@@ -203,8 +203,11 @@ def believed_gains() -> list[Claim]:
             here, there = _step(loop, believed, here, gamma), _step(loop, believed, there, gamma)
         matrix = convergence(loop, SHORT, believed=believed, gamma=gamma).matrix
         third, fourth = (
-            float(np.linalg.norm(np.linalg.matrix_power(matrix, n) @ (2.0 * np.array(list(OFF.values())) * size)
-                                 / size / true))
+            float(
+                np.linalg.norm(
+                    np.linalg.matrix_power(matrix, n) @ (2.0 * np.array(list(OFF.values())) * size) / size / true
+                )
+            )
             for n in (3, 4)
         )
         verb = "diverges" if (factor, gamma) == (2.0, 1.0) else "converges"
