@@ -67,6 +67,10 @@ DIFFERENCE = "a difference, which is never less than 0"
 KEPT = "computed here, held to 10 %: guards against change, no truth"
 
 
+# of a difference over its error, a share of a bound, or a pole: less would be as good
+LESS = "less would be as good"
+
+
 def printed(figure: str) -> tuple[float, float]:
     """Return the least and the largest number that rounds to a printed figure: half a unit of its last digit."""
     mantissa = figure.lower().partition("e")[0]

@@ -292,7 +292,7 @@ def _pole_map() -> tuple[list[Claim], list[Picture]]:
         Claim(
             "1.c", "the cascade's last pair: real part", rule, largest.real, -3900.0, -3896.0, "rad/s", "-3898 + 5354j"
         ),
-        Claim("1.c", "the cascade's last pair: imaginary part", rule, largest.imag, 5350.0, 5358.0, "rad/s"),
+        Claim("1.c", "the cascade's last pair: imaginary part", rule, largest.imag, 5350.0, 5358.0, "rad/s", "5354"),
     ]
     picture = Picture(
         "poles",
