@@ -15,7 +15,6 @@ from feeddrive.language.table import Table
 from feeddrive.papers import claims as papers
 from feeddrive.papers.claims import (
     ORDER,
-    ROUNDING,
     Claim,
     Experiment,
     Reproduced,
@@ -60,10 +59,11 @@ def test_figures_are_shown_with_four_digits_and_their_unit() -> None:
 
 
 def test_a_claim_with_one_bound_says_why() -> None:
-    """But for a difference within rounding, in SI units: 1e-4 is 100 µm and 0.1 µm is not; 2 % is more than that."""
+    """But for a difference within rounding, 1e-4 in SI units, which is 100 µm; 2 % is more than that."""
     assert loose([claim(1.0, 0.5), claim(1.0, None, 200.0), Claim("1.a", "c", "r", 1.0, most=2.0, unit="%")])
     assert len(loose([claim(1.0, 0.5), claim(0.0, None, 0.0), claim(2.0, 1.0, 3.1)])) == 3
-    assert not loose([claim(1.0, None, 0.9e6 * ROUNDING), claim(2.0, 1.0, 3.0), claim(0.1, 0.0, 1.0)])
+    assert loose([claim(1.0, None, 150.0)])
+    assert not loose([claim(1.0, None, 80.0), claim(2.0, 1.0, 3.0), claim(0.1, 0.0, 1.0)])
     order = replace(claim(1.0, 0.5), one_sided=ORDER)
     assert not loose([order])
     assert order.cells()[3] == "at least 0.5 um; an order, for which no figure was given"
