@@ -31,7 +31,7 @@ def loose(claims: Iterable[Claim]) -> list[str]:
 
 
 def misstated(claims: Iterable[Claim]) -> list[str]:
-    """Return the claims whose bounds are not those of their words, such as `12.8, to 20 %` or `28.5 by scipy, to 6 %`."""
+    """Return the claims whose bounds are not those of their words, as in `12.8, to 20 %` or `28.5 by scipy, to 6 %`."""
     found, read = [], 0
     for claim in claims:
         words = re.fullmatch(r"([\d.]+)(?![\d./]| /| ->)[^;]*?\bto (\d+) %", str(claim.expected))
