@@ -103,7 +103,7 @@ PLACES = (
     ),
     _place(
         "altintas2009",
-        "recovery, one pole",
+        "recovery, filter",
         f"{OBSERVER}.disturbance_recovery",
         "DisturbanceRecovery.prepare",
         "return",
@@ -454,6 +454,10 @@ _NO_NUMBERS = {
     "n",
     "columns.shape[1]",
     "whole.sample_time",
+    "setpoint",
+    "smoothed",
+    "self.encoder",
+    "inverse_model",
 }
 
 
