@@ -291,7 +291,7 @@ PLACES = (
         "error model, model-free",
         "feeddrive.learning.iterative_feedforward",
         "_inverse",
-        "inverse through return",
+        "back,seen whole rest",
     ),
     _place(
         "wu2017",
@@ -457,7 +457,7 @@ _NO_NUMBERS = {
     "setpoint",
     "smoothed",
     "self.encoder",
-    "inverse_model",
+    "sample.sample_time",
 }
 
 
