@@ -334,7 +334,8 @@ def _by_polynomials(law: CascadePPI, frequency: float) -> tuple[float, float]:
     assert law.Tn is not None
     # the law gives the viscous friction back
     C = law.Kp * (1.0 + T / law.Tn / late) * (law.Kv + late / T) - VISCOUS * late / T
-    Q = freqz(*butter(2, frequency, fs=1.0 / T), lines, fs=1.0 / T)[1]
+    numerator, denominator = butter(2, frequency, fs=1.0 / T)
+    Q = freqz(numerator, denominator, lines, fs=1.0 / T)[1]
     N = (MASS * late**2 / T**2 + VISCOUS * late / T) * P
     alone, beside = 1.0 / (1.0 + C * P), (1.0 - Q / z) / (1.0 + C * P + Q * (N - 1.0 / z))
     errors = [np.trapezoid(np.abs(P * S / lines) ** 2, lines) for S in (alone, beside)]

@@ -224,7 +224,7 @@ def _table_claims(
     long: tuple[float, float],
 ) -> list[Claim]:
 
-    def got(case: Case, axis: str) -> float:
+    def left(case: Case, axis: str) -> float:
         # y as in the independent program, whose second leg cuts towards -x
         return (opposite[case.name] if axis == "y" else run_errors[case.name][axis])[1]
 
@@ -264,7 +264,7 @@ def _table_claims(
                 f"3.j.{axis}",
                 f"The estimate makes the RMS error of {axis} at least 100 times smaller",
                 f"constant chip load in both; {PLANT}{towards}",
-                got(WITHOUT, axis) / got(LINEAR, axis),
+                left(WITHOUT, axis) / left(LINEAR, axis),
                 *quotient(above, below, KNOWN, known_below=KNOWN),
                 expected=f"{above} / {below} µm, each to 3 % as in 3.m and 3.n",
             )
@@ -279,7 +279,7 @@ def _table_claims(
                 f"3.k.{axis}",
                 f"The Bezier reference leaves at most a fifth of the RMS error of {axis}",
                 f"constant chip load in both; {PLANT}{towards}",
-                got(BEZIER, axis) / got(LINEAR, axis),
+                left(BEZIER, axis) / left(LINEAR, axis),
                 *quotient(above, below, KNOWN, known_below=KNOWN),
                 expected=f"{above} / {below} µm, each to 3 % as in 3.n and 3.o",
             )
