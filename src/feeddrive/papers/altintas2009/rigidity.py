@@ -323,7 +323,7 @@ def _by_polynomials(law: CascadePPI, frequency: float) -> tuple[float, float]:
     With the held axis P(z), the law C(z), the filter Q(z) and N(z) = (m Δ²/T² + b Δ/T) P, Δ = 1 - 1/z, the recovery
     sees Q (N F - F/z), so that the sensitivity is S = (1 - Q/z)/(1 + C P + Q (N - 1/z)), and 1/(1 + C P) without it.
     """
-    from scipy.signal import butter, freqz
+    from scipy.signal import butter
 
     lines = np.geomspace(0.1, 0.4999 / T, 50_000)
     z = np.exp(2j * np.pi * lines * T)
@@ -334,8 +334,9 @@ def _by_polynomials(law: CascadePPI, frequency: float) -> tuple[float, float]:
     assert law.Tn is not None
     # the law gives the viscous friction back
     C = law.Kp * (1.0 + T / law.Tn / late) * (law.Kv + late / T) - VISCOUS * late / T
-    numerator, denominator = butter(2, frequency, fs=1.0 / T)
-    Q = freqz(numerator, denominator, lines, fs=1.0 / T)[1]
+    # numerator and denominator in powers of 1/z, as many of each
+    section: Any = butter(2, frequency, fs=1.0 / T)
+    Q = np.polyval(section[0], z) / np.polyval(section[1], z)
     N = (MASS * late**2 / T**2 + VISCOUS * late / T) * P
     alone, beside = 1.0 / (1.0 + C * P), (1.0 - Q / z) / (1.0 + C * P + Q * (N - 1.0 / z))
     errors = [np.trapezoid(np.abs(P * S / lines) ** 2, lines) for S in (alone, beside)]
