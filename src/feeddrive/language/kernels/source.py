@@ -461,3 +461,31 @@ def rows_for(record: type, *sizes: int) -> NDArray[np.float64]:
 def zeros(*sizes: int) -> NDArray[np.float64]:
     """Return a small array of fixed size for a local variable of a kernel: one to three sizes, at most 256 numbers."""
     return cast(Any, Cells(np.zeros(sizes)))
+
+
+@overload
+def records(record: type[_Record], size: int, /) -> Records[_Record]: ...
+@overload
+def records(record: type[_Record], first: int, second: int, /) -> Records2[_Record]: ...
+def records(record: type, *sizes: int) -> Any:
+    """Return a small array of records for a local variable of a kernel: one or two sizes, at most 256 numbers."""
+    return Rows(rows_for(record, *sizes), layout_of(record))
+
+
+def by_field(record: type[_Record], rows: NDArray[np.float64]) -> _Record:
+    """Return an array of records as one record whose fields are the columns, as views, so that plain arithmetic on its
+    fields (`kernel.python`, too) computes with all rows at once.
+    """
+    columns_left = iter(np.moveaxis(rows, -1, 0))
+
+    def filled(layout: Layout) -> Any:
+        kinds = layout.fields.values()
+        return layout.python(
+            *(filled(kind.layout) if kind.layout else _column(kind, next(columns_left)) for kind in kinds)
+        )
+
+    return filled(layout_of(record))
+
+
+def _column(kind: Type, column: np.ndarray) -> np.ndarray:
+    return column != 0.0 if kind == BOOL else column
