@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records, rows_for
 
 LINE, ARC, POLYNOMIAL = 0, 1, 2
 
@@ -94,7 +94,7 @@ class Section(NamedTuple):
 
 def part_of_pieces(pieces: Pieces, first: int, last: int) -> Pieces:
     """Return the pieces from `first` up to but excluding `last`."""
-    return Pieces(*(column[first:last] for column in pieces))
+    return Pieces._make([column[first:last] for column in pieces])
 
 
 def one_after_the_other(pieces: Sequence[Pieces]) -> Pieces:
@@ -282,14 +282,18 @@ class Pause(NamedTuple):
 
 def rows(motion: Motion) -> np.ndarray:
     """Return the time intervals of a motion on one piece as an array of `Interval`."""
-    return np.stack([motion.duration, motion.x, motion.speed, motion.acceleration, motion.jerk, motion.snap], axis=1)
+    table = rows_for(Interval, len(motion.duration))
+    for column, values in zip(table.T, (motion.duration, *motion[2:]), strict=True):
+        column[:] = values
+    return table
 
 
 def from_rows(new: np.ndarray, piece: int, x: float = 0.0) -> Motion:
     """Return the motion on one path piece, starting at x, from an array of `Interval`."""
-    # copied, since callers reuse their rows
+    # copied, since callers reuse their rows and x is added in place
     duration, place, *state = new.T.copy()
-    return Motion(duration, np.full(len(new), piece), place + x, *state)
+    place += x
+    return Motion(duration, np.full(len(new), piece), place, *state)
 
 
 def direction(pieces: Pieces, k: int) -> np.ndarray:

@@ -56,7 +56,7 @@ def planned(
                 continue
             # an overlap is contained in both runs, so that its time was counted twice
             if part.entering is not None:
-                schedule.time -= float(np.sum(part.motion.duration))
+                schedule.time -= float(part.motion.duration.sum())
             yield part._replace(mode=modes.popleft()) if part.ends else part
 
     for segments in chains(moves, axes):
@@ -115,7 +115,7 @@ def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, li
 
 
 def _lasts(parts: list[Part | Pause]) -> float:
-    return sum(float(np.sum(part.motion.duration)) for part in parts if isinstance(part, Part))
+    return sum(float(part.motion.duration.sum()) for part in parts if isinstance(part, Part))
 
 
 @kernel

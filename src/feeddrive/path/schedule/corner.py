@@ -39,6 +39,7 @@ from feeddrive.path.motion import (
     direction,
     from_rows,
     moved,
+    part_of_pieces,
     piece_of,
     rows,
     way,
@@ -341,14 +342,14 @@ def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[li
     ends, begins = rows(one.motion), rows(two.motion)
     last, first = (rows_for(Interval, len(ends) + len(begins)) for _ in range(2))
     count, m, alone, n, rest = shared(ends, begins, lasts, last, first)
-    entering = Entering(Pieces(*(array[:1] for array in two.pieces)), from_rows(first[:count], 0), tolerance)
+    entering = Entering(part_of_pieces(two.pieces, 0, 1), from_rows(first[:count], 0), tolerance)
     k = len(one.pieces.length) - 1
-    leaves = [Part(Pieces(*(array[k:] for array in one.pieces)), from_rows(last[:count], 0), True, entering)]
-    before = Motion(*(array[: m + int(alone > 0.0)].copy() for array in one.motion))
+    leaves = [Part(part_of_pieces(one.pieces, k, k + 1), from_rows(last[:count], 0), True, entering)]
+    before = Motion._make([array[: m + int(alone > 0.0)].copy() for array in one.motion])
     if len(before.duration):
         before.duration[-1] = alone if alone > 0.0 else before.duration[-1]
         leaves.insert(0, one._replace(motion=before, ends=False))
-    behind = Motion(*(array[n:].copy() for array in two.motion))
+    behind = Motion._make([array[n:].copy() for array in two.motion])
     if len(behind.duration):
         for column, value in zip([behind.duration, *behind[2:]], rest, strict=True):
             column[0] = value
@@ -851,9 +852,7 @@ class Crossings:
         if not count:
             return None
         motion = from_rows(motion_rows[:count], 0)
-        most, along = rows_for(Slopes, len(self._limits)), direction(pieces, 0)
-        bounds(piece_of(pieces, 0), most)
-        seen = End(motion_rows, count, _time(motion), length, float(pieces.feed[0]), along, most)
+        seen = End(motion_rows, count, _time(motion), length, float(pieces.feed[0]), *_along_line(pieces, 0))
         return _Run(Part(pieces, motion, True), section.tolerance, _Stretch(0, count, line), seen)
 
     def _fix(self, run: _Run) -> list[Part]:
@@ -909,10 +908,11 @@ class Crossings:
         if not count:
             return None
         k = len(run.part.pieces.length) - 1 if tail else 0
-        part = run.part._replace(motion=_spliced(stretch, run.part.motion, k, motion_rows[:count]))
+        motion = _spliced(stretch, run.part.motion, k, motion_rows[:count])
+        run = run._replace(part=run.part._replace(motion=motion))
         if not run.whole:
-            return run._replace(part=part)
-        return run._replace(part=part, whole=_Stretch(0, count, line), seen=_made(run.seen, motion_rows[:count]))
+            return run
+        return run._replace(whole=_Stretch(0, count, line), seen=_made(run.seen, motion_rows[:count], motion))
 
     def _holds(self, run: _Run) -> bool:
         """Return True if a replanned run still satisfies limits and tolerance in its overlap with the previous one."""
@@ -954,11 +954,11 @@ class Crossings:
         run = two._replace(
             part=two.part._replace(motion=made1),
             whole=_Stretch(0, count1, head.line._replace(head=node)) if two.whole else None,
-            seen=_made(two.seen, rows1),
+            seen=_made(two.seen, rows1, made1),
             lasts=2.0 * node.wide + node.short,
             corner=one.tolerance,
         )
-        return one._replace(part=one.part._replace(motion=made0), seen=_made(one.seen, rows0)), run
+        return one._replace(part=one.part._replace(motion=made0), seen=_made(one.seen, rows0, made0)), run
 
     def _tail(self, part: Part) -> _Stretch | None:
         """Return the stretch from the first node on the last piece to the stop."""
@@ -996,7 +996,7 @@ def _together(both: tuple[_Run, _Run]) -> float:
 
 
 def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
-    return float(np.sum(motion.duration[stretch.first : stretch.last] if stretch else motion.duration))
+    return float((motion.duration[stretch.first : stretch.last] if stretch else motion.duration).sum())
 
 
 def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Motion:
@@ -1007,10 +1007,12 @@ def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Moti
     return Motion(*(np.concatenate([old[: stretch.first], middle, old[stretch.last :]]) for old, middle in parts))
 
 
-def _made(seen: End | None, new: np.ndarray) -> End | None:
-    """Return the end of a run with its motion replaced by the rows `new`, or None if there is no such end."""
-    lasts = float(np.sum(np.asarray(by_field(Interval, new).duration)))
-    return seen._replace(motion=new, count=len(new), lasts=lasts) if seen else None
+def _made(seen: End | None, new: np.ndarray, motion: Motion) -> End | None:
+    """Return the end of a run along a line with its motion replaced, or None if there is no such end.
+
+    `new` has the time intervals of `motion`.
+    """
+    return seen._replace(motion=new, count=len(new), lasts=_time(motion)) if seen else None
 
 
 def _end(part: Part, last: bool) -> End:
@@ -1024,9 +1026,20 @@ def _end(part: Part, last: bool) -> End:
             there = on.x[m] + way(*(float(column[m]) for column in (*on[3:], on.duration)))
             inside[m] = inside.all() and there <= pieces.length[k]
         on = Motion(*(column[inside] for column in on))
+    length, feed = float(pieces.length[k]), float(pieces.feed[k])
+    if pieces.kind[k] == LINE:
+        return End(rows(on), len(on.duration), _time(on), length, feed, *_along_line(pieces, k))
     piece, axes = piece_of(pieces, k), pieces.origin.shape[1]
     most, r = rows_for(Slopes, axes), rows_for(Derivatives, axes)
     bounds(piece, most)
-    derivatives(*piece, piece.length if last else 0.0, r)
+    derivatives(*piece, length if last else 0.0, r)
     along = np.array(by_field(Derivatives, r).first)
-    return End(rows(on), len(on.duration), _time(on), piece.length, float(pieces.feed[k]), along, most)
+    return End(rows(on), len(on.duration), _time(on), length, feed, along, most)
+
+
+def _along_line(pieces: Pieces, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return direction and bounds of a line."""
+    along = direction(pieces, k)
+    most = rows_for(Slopes, len(along))
+    np.abs(along, out=np.asarray(by_field(Slopes, most).M1))
+    return along, most

@@ -94,13 +94,15 @@ def _highest_cap(path: Path, first: int, last: int) -> float:
 @kernel
 def plateau_begin(stretch: Stretch) -> float:
     """Return the u at which the ramp up ends, m."""
-    return stretch.begin + 0.5 * (stretch.v0 + stretch.peak) * duration(stretch.up)
+    L1, L2, L3 = stretch.up
+    return stretch.begin + 0.5 * (stretch.v0 + stretch.peak) * (L1 + L2 + L3)
 
 
 @kernel
 def plateau_end(stretch: Stretch) -> float:
     """Return the u at which the ramp down begins, m."""
-    return stretch.end - 0.5 * (stretch.v1 + stretch.peak) * duration(stretch.down)
+    L1, L2, L3 = stretch.down
+    return stretch.end - 0.5 * (stretch.v1 + stretch.peak) * (L1 + L2 + L3)
 
 
 @kernel
@@ -474,6 +476,14 @@ def _whole(path: Path, left: Stretch, right: Stretch) -> tuple[float, Stretch, S
 
 
 @kernel
+def takes_time(stretch: Stretch, begin: Floats) -> bool:
+    """Return True if a stretch has a ramp or a plateau longer than rounding errors, as others have no motion."""
+    L1, L2, L3 = stretch.up
+    M1, M2, M3 = stretch.down
+    return L1 + L2 + L3 + M1 + M2 + M3 > 0.0 or stretch.end - stretch.begin > MARGIN * (begin[-1] - begin[0])
+
+
+@kernel
 def plan(
     path: Path,
     quick: Records[Cap],
@@ -484,10 +494,12 @@ def plan(
     stack: Records[Stretch],
     out: Records[Stretch],
 ) -> int:
-    """Plan from u0 at speed v0 to a stop at u1; return the number of rows written to `out`, or 0 if v0 is too fast to
-    stop in time.
+    """Plan from u0 at speed v0 to a stop at u1; return the number of stretches written to `out`, or -1 if v0 is too
+    fast to stop in time.
     """
     height = _beginning(path, quick, u0, u1, v0, slow, stack)
+    if height == 0:
+        return -1
     count = 0
     while height > 0:
         height = height - 1
@@ -537,7 +549,12 @@ def plan(
                 now = hump(path, now, False)
         out[count] = now
         count = count + 1
-    return count
+    kept = 0
+    for k in range(count):
+        if takes_time(out[k], path.begin):
+            out[kept] = out[k]
+            kept = kept + 1
+    return kept
 
 
 @kernel

@@ -18,7 +18,16 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.kernels.source import by_field, columns, rows_for
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.motion import Limits, Motion, Part, Pause, Pieces, Section, one_after_the_other, part_of_pieces
-from feeddrive.path.schedule.plan import MARGIN, Stretch, brake_soon, plan, plateau_begin, plateau_end, timed
+from feeddrive.path.schedule.plan import (
+    MARGIN,
+    Stretch,
+    brake_soon,
+    plan,
+    plateau_begin,
+    plateau_end,
+    takes_time,
+    timed,
+)
 from feeddrive.path.schedule.ramp import NO_RAMP, Cap, Path, Slopes, duration, pieces_room
 
 MOST = 2.0
@@ -245,7 +254,7 @@ class Schedule:
         for _ in range(_CAPS):
             braking = brake_soon(path, self._u, stop, self._speed, speed)
             row = np.array(columns(braking))
-            if braking.peak == 0.0 or not _takes_time(row, begin):
+            if braking.peak == 0.0 or not takes_time(braking, begin):
                 return None
             if rooms is None:
                 return _Plan(begin, row[None, :], False)
@@ -288,8 +297,8 @@ class Schedule:
             path = Path(begin, room.most[:last], room.caps[:last], self._limits)
             slow, stack, rows = np.zeros(last, np.int64), rows_for(Stretch, size), rows_for(Stretch, size)
             count = plan(path, rooms[0].caps[:last], u, stop, speed, slow, stack, rows)
-            if count:
-                plans.append(rows[:count][_takes_time(rows[:count], begin)])
+            if count >= 0:
+                plans.append(rows[:count])
         return _Plan(begin, min(plans, key=_time), ends) if plans else None
 
     def _go(self, planned: _Plan, count: int) -> Part:
@@ -329,8 +338,8 @@ class Schedule:
         size = 15 * len(rows)
         room = Motion(np.zeros(size), np.zeros(size, np.int64), *(np.zeros(size) for _ in range(5)))
         count = timed(begin, np.ascontiguousarray(rows), room)
-        motion = Motion(*(array[:count].copy() for array in room))
-        self.time += float(np.sum(motion.duration))
+        motion = Motion._make([array[:count].copy() for array in room])
+        self.time += float(motion.duration.sum())
         return Part(pieces._replace(feed=pieces.feed * self._factor), motion, ends)
 
 
@@ -352,15 +361,6 @@ def _time(rows: np.ndarray) -> float:
     return float(np.sum(up + down + np.maximum(way, 0.0) / now.peak))
 
 
-def _takes_time(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
-    """Return a bool array that is True for stretches with a ramp or a plateau longer than rounding errors; the others
-    have no motion.
-    """
-    now = by_field(Stretch, rows)
-    ramps = np.asarray(duration.python(now.up) + duration.python(now.down)) > 0.0
-    return ramps | (now.end - now.begin > MARGIN * (begin[-1] - begin[0]))
-
-
 def _cut(planned: _Plan) -> tuple[_Plan, int]:
     """Split the plateau at which the final part of a window ends; return the plan, and the number of stretches in this
     part.
@@ -369,7 +369,7 @@ def _cut(planned: _Plan) -> tuple[_Plan, int]:
     count = int(np.searchsorted(np.asarray(by_field(Stretch, rows).end), ends, side="right"))
     if count < len(rows):
         now = by_field(Stretch, rows[count])
-        low, high = plateau_begin(now), plateau_end(now)
+        low, high = plateau_begin.python(now), plateau_end.python(now)
         cut, margin = min(ends, high), MARGIN * (planned.begin[-1] - planned.begin[0])
         if now.end - cut <= margin:
             return planned, count + 1
@@ -394,7 +394,7 @@ def _steps(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
     steps, margin = list[list[float]](), MARGIN * (begin[-1] - begin[0])
     for row in rows:
         now = by_field(Stretch, row)
-        low, high = plateau_begin(now), plateau_end(now)
+        low, high = plateau_begin.python(now), plateau_end.python(now)
         cuts, least = [now.begin], max(margin, 1e-12 * (now.end - now.begin))
         if low > now.begin:
             cuts.append(low)
