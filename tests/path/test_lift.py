@@ -115,7 +115,7 @@ def test_what_the_proof_refuses_is_not_used(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_a_spline_that_takes_too_much_is_drawn_tight_until_it_is_proven(monkeypatch: pytest.MonkeyPatch) -> None:
     """1 % more than the limits at the points that are looked at: the first proof fails, a later one holds."""
-    monkeypatch.setattr(lift, "SHARES", (1.0 - 1e-4, 1.01, 1.01, 1.01))
+    monkeypatch.setattr(lift, "SHARES", lift.Limits(1.0 - 1e-4, 1.01, 1.01, 1.01))
     faults, found, ratios = list[int](), lift.faults_of, list[float]()
 
     def counted(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
@@ -209,10 +209,7 @@ def test_the_basis_gives_a_spline_with_two_continuous_derivatives() -> None:
     coefficient = draw.normal(size=len(inner) + 2)
 
     def state(k: int, x: float) -> np.ndarray:
-        row, z = np.zeros((4, 4)), np.zeros(4)
-        basis(knots, k, x, row)
-        at(row, coefficient, k, z)
-        return z
+        return np.array(at(basis(knots, k, x), coefficient, k))
 
     for k in range(len(inner) - 1):
         x, h = inner[k], inner[k + 1] - inner[k]
@@ -228,7 +225,7 @@ def test_the_basis_gives_a_spline_with_two_continuous_derivatives() -> None:
 def test_the_basis_has_the_bits_of_the_interpreter() -> None:
     draw = np.random.default_rng(15)
     knots = [np.cumsum(draw.exponential(size=9)) for _ in range(20)]
-    compare(basis, [[each, 1, float(draw.uniform(each[4], each[5])), np.zeros((4, 4))] for each in knots])
+    compare(basis, [[each, 1, float(draw.uniform(each[4], each[5]))] for each in knots])
 
 
 @pytest.mark.slow(reason="a program of 4,684 blocks, planned, lifted and proven")

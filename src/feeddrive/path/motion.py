@@ -296,6 +296,20 @@ def from_rows(new: np.ndarray, piece: int, x: float = 0.0) -> Motion:
     return Motion(duration, np.full(len(new), piece), place, *state)
 
 
+def line_shapes(ways: np.ndarray) -> np.ndarray:
+    """Return the shape of lines, (n, N, 8), from their displacements, m, shape (n, N)."""
+    shapes = np.zeros((*ways.shape, 8))
+    shapes[:, :, 1] = ways
+    return shapes
+
+
+def arc_shape(E1: np.ndarray, E2: np.ndarray, slope: np.ndarray, curvature: float) -> np.ndarray:
+    """Return the shape of an arc, (N, 8)."""
+    shape = np.zeros((len(E1), 8))
+    shape[:, :4] = np.stack([E1, E2, slope, np.full(len(E1), curvature)], axis=1)
+    return shape
+
+
 def direction(pieces: Pieces, k: int) -> np.ndarray:
     """Return r' of a line, shape (N,)."""
     return pieces.shape[k, :, 1] / float(pieces.length[k])

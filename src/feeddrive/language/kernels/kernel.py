@@ -602,7 +602,7 @@ def _made(kind: Type, leaves: Iterator[Any]) -> Any:
 
 
 def _reads_the_object() -> bool:
-    """Return True if array objects store the address of their first cell at `_DATA`, as in all NumPy versions so far."""
+    """Return True if array objects have the address of their first cell at `_DATA`, as in all NumPy versions so far."""
     probe = np.zeros(1)
     is_cpython = sys.implementation.name == "cpython"
     return is_cpython and _WORD_AT(id(probe) + _DATA).value == probe.ctypes.data

@@ -759,7 +759,8 @@ class Assignments(Expressions):
             up_to = "one to three sizes" if most == 3 else "one or two sizes"
             self.refuse(node, f"'{shown(call)}'", f"write {up_to}, {_LARGEST_LOCAL} numbers at most")
         if more or not isinstance(target, ast.Name) or self.depth or target.id in self.variables:
-            remedy = f"write  {_LOCAL[self.outside(call.func)]}  once, in the kernel's body, outside of loops and branches"
+            written = _LOCAL[self.outside(call.func)]
+            remedy = f"write  {written}  once, in the kernel's body, outside of loops and branches"
             self.refuse(node, f"'{shown(node)}'", remedy)
         place = f"%z{len(self.variables)}"
         self.memory.append(f"  {place} = alloca [{count} x double]")

@@ -399,8 +399,8 @@ class Joiner:
         """Return the sections that a chain adds to the runs, and the joints after its segments."""
         segments, tolerance = chain.segments, chain.tolerance
         if self._held:
-            segments = one_after_the_other([self._held[0], segments])
-            tolerance = np.concatenate([self._held[1], tolerance])
+            held, kept = self._held
+            segments, tolerance = one_after_the_other([held, segments]), np.concatenate([kept, tolerance])
         result = self._joined(segments, tolerance, chain.ends)
         if result is None:
             return self._stopped(chain)
@@ -429,14 +429,14 @@ class Joiner:
 
     def _joined(self, segments: Pieces, tolerance: np.ndarray, ends: bool) -> tuple[list[Section], Joint] | None:
         """Return the sections and the joints after the finished segments, or None if a spline cannot be continued."""
-        n = len(segments.length)
+        n, axes = segments.origin.shape
         joint = Joint(np.zeros(n), np.zeros(n, np.int64))
         # two knots per line, and the largest steps over the length; the number is known only after the fit
         expected = 2.0 * n + float(np.sum(segments.length)) / LARGEST_STEP + 50.0
         many = int(min(expected, 2.0 * n + _FIRST))
         before = self._begun
         while True:
-            out = _pieces_room((1 + _CUTS) * n + many, segments.origin.shape[1])
+            out = _pieces_room((1 + _CUTS) * n + many, axes)
             begun, work = _unfinished(before, segments, many), _room(segments, many)
             try:
                 ended = join(tolerance, self._rule, self._taken, self._flows, ends, begun, joint, out, work)

@@ -33,7 +33,9 @@ from feeddrive.path.motion import (
     Piece,
     Pieces,
     arc_axis,
+    arc_shape,
     derivatives,
+    line_shapes,
     line_way,
     put_arc,
     put_line,
@@ -398,8 +400,7 @@ class _Collected:
         count = len(self.rows) - (0 if ends else 1)
         kind, length, start, way, feed, line, modes, tolerances, _ = zip(*self.rows, strict=True)
         origin = np.array(start[:count])
-        shape = np.zeros((*origin.shape, 8))
-        shape[:, :, 1] = way[:count]
+        shape = line_shapes(np.array(way[:count]))
         for k, row in enumerate(self.rows[:count]):
             if row.shape is not None:
                 shape[k] = row.shape
@@ -427,7 +428,7 @@ class _Feeds:
         if isinstance(move, Straight) and move.traverse:
             return math.inf
         counted, others = (_COUNTED[0], False) if self._one else _counted(move)
-        feed = self.feed.angular if counted == _COUNTED[2] else self.feed.linear
+        feed = self.feed.angular if counted == _COUNTED[-1] else self.feed.linear
         if self.feed.per_turn:
             if not self.turns:
                 raise _refused(
@@ -513,15 +514,16 @@ def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, toler
     """
     start = [move.start[column] for column in columns]
     shape = np.zeros((len(columns), 8))
-    shape[:, 1:4] = _bezier([[point[column] for column in columns] for point in (move.start, *move.points, move.end)])
-    bent = 2.0 * max(float(np.linalg.norm(shape[:, 2])), float(np.linalg.norm(shape[:, 2] + 3.0 * shape[:, 3])))
+    curve = _bezier([[point[column] for column in columns] for point in (move.start, *move.points, move.end)])
+    shape[:, 1:4] = np.stack(curve, axis=1)
+    bent = 2.0 * max(float(np.linalg.norm(curve.second)), float(np.linalg.norm(curve.second + 3.0 * curve.third)))
     near = _CHORDS * tolerance
     count = max(1, math.ceil(math.sqrt(bent / (8.0 * near)))) if near else _CUTS
     number, here, piece = move.source.number, np.zeros(len(columns)), np.zeros_like(shape)
     # an estimate suffices: the length only scales the parameter, and |r'| need not be 1
-    whole = float(np.sum(np.linalg.norm(np.diff([_at(shape, k / 64.0) for k in range(65)], axis=0), axis=1)))
+    whole = float(np.sum(np.linalg.norm(np.diff([_at(curve, k / 64.0) for k in range(65)], axis=0), axis=1)))
     for k in range(count):
-        there = _at(shape, (k + 1) / count)
+        there = _at(curve, (k + 1) / count)
         way = (there - here).tolist()
         if near:
             length = math.hypot(*way)
@@ -533,23 +535,31 @@ def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, toler
             for of, into in zip(shape, piece, strict=True):
                 part_of.python(of, k / count, 1.0 / count, into)
             origin = [coordinate + float(row[0]) for coordinate, row in zip(start, piece, strict=True)]
-            piece[:, 0] = 0.0
+            piece.T[0] = 0.0
             yield _Segment(POLYNOMIAL, whole / count, origin, way, speed, number, mode, tolerance, piece.copy())
         here = there
 
 
-def _bezier(points: Sequence[Sequence[float]]) -> np.ndarray:
-    """Return the coefficients of first to third degree of a Bezier curve of three or four points, relative to its
-    start.
-    """
-    at = np.array(points) - np.array(points[0])
-    if len(at) == 3:
-        return np.stack([2.0 * at[1], at[2] - 2.0 * at[1], np.zeros_like(at[0])], axis=1)
-    return np.stack([3.0 * at[1], 3.0 * (at[2] - 2.0 * at[1]), at[3] - 3.0 * (at[2] - at[1])], axis=1)
+class _Bezier(NamedTuple):
+    """The coefficients of first to third degree of a Bezier curve, relative to its start, shape (N,)."""
+
+    first: np.ndarray
+    second: np.ndarray
+    third: np.ndarray
 
 
-def _at(shape: np.ndarray, x: float) -> np.ndarray:
-    return x * (shape[:, 1] + x * (shape[:, 2] + x * shape[:, 3]))
+def _bezier(points: Sequence[Sequence[float]]) -> _Bezier:
+    """Return the coefficients of a Bezier curve of three or four points."""
+    start, *others = (np.array(point) for point in points)
+    one, two, *rest = (point - start for point in others)
+    if not rest:
+        return _Bezier(2.0 * one, two - 2.0 * one, np.zeros_like(start))
+    (three,) = rest
+    return _Bezier(3.0 * one, 3.0 * (two - 2.0 * one), three - 3.0 * (two - one))
+
+
+def _at(curve: _Bezier, x: float) -> np.ndarray:
+    return x * (curve.first + x * (curve.second + x * curve.third))
 
 
 def _counted(move: Going) -> tuple[tuple[int, ...], bool]:
@@ -570,22 +580,20 @@ def _length(move: Going, axes: tuple[int, ...]) -> float:
 
 def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]) -> tuple[float, np.ndarray]:
     """Return the length and shape of an arc, as in `Pieces`."""
-    shape = np.zeros((len(columns), 8))
+    E1, E2 = np.zeros(len(columns)), np.zeros(len(columns))
     angle = move.angle
     first, second = (columns.index(axis) for axis in move.axes[:2])
-    x, y = start[first] - move.center[0], start[second] - move.center[1]
+    x, y = (start[axis] - center for axis, center in zip((first, second), move.center, strict=True))
     sense = math.copysign(1.0, angle)
-    shape[[first, second], 0] = x, y
-    shape[[first, second], 1] = -sense * y, sense * x
+    E1[[first, second]] = x, y
+    E2[[first, second]] = -sense * y, sense * x
     # 1 - cos without cancellation
     s, versine = math.sin(abs(angle)), 2.0 * math.sin(0.5 * angle) ** 2
     # programs round the end of an arc: its distance from the circle is spread linearly, as are the other axes
-    drift = np.array(way) - (shape[:, 1] * s - shape[:, 0] * versine)
+    drift = np.array(way) - (E2 * s - E1 * versine)
     straight = np.delete(drift, [first, second])
     length = math.hypot(math.hypot(x, y) * abs(angle), float(np.linalg.norm(straight)))
-    shape[:, 2] = drift / length
-    shape[:, 3] = abs(angle) / length
-    return length, shape
+    return length, arc_shape(E1, E2, drift / length, abs(angle) / length)
 
 
 def _refused(line: Line, reason: str) -> ProgramError:

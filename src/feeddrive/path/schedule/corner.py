@@ -883,13 +883,14 @@ class Crossings:
         head = two.whole or self._head(two.part)
         if tail is not None and head is not None:
             end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
-            return self._bump(one, end, tail, two, begin, head, best[1].lasts) or best
+            _, overlapping = best
+            return self._bump(one, end, tail, two, begin, head, overlapping.lasts) or best
         # next to an arc a slower ramp on the line leaves room for the derivatives that curvature adds on its axes
         for share in _SLOWED if (tail is None) != (head is None) else ():
-            slowed = self._slowed(one, tail, True, share), self._slowed(two, head, False, share)
-            if slowed[0] and slowed[1]:
-                stopped = self._stopped(slowed[0], slowed[1])
-                if _together(stopped) < _together(best) and self._holds(stopped[0]):
+            before, after = self._slowed(one, tail, True, share), self._slowed(two, head, False, share)
+            if before and after:
+                stopped = self._stopped(before, after)
+                if _together(stopped) < _together(best) and self._holds(before):
                     best = stopped
         return best
 
@@ -992,7 +993,8 @@ class Crossings:
 
 def _together(both: tuple[_Run, _Run]) -> float:
     """Return the total duration of both runs, s."""
-    return _time(both[0].part.motion) + _time(both[1].part.motion) - both[1].lasts
+    one, two = both
+    return _time(one.part.motion) + _time(two.part.motion) - two.lasts
 
 
 def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
@@ -1029,7 +1031,8 @@ def _end(part: Part, last: bool) -> End:
     length, feed = float(pieces.length[k]), float(pieces.feed[k])
     if pieces.kind[k] == LINE:
         return End(rows(on), len(on.duration), _time(on), length, feed, *_along_line(pieces, k))
-    piece, axes = piece_of(pieces, k), pieces.origin.shape[1]
+    piece = piece_of(pieces, k)
+    axes = len(piece.shape)
     most, r = rows_for(Slopes, axes), rows_for(Derivatives, axes)
     bounds(piece, most)
     derivatives(*piece, length if last else 0.0, r)

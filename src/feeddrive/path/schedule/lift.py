@@ -219,7 +219,7 @@ class _Path:
         # a coefficient is the blossom of u'² at three knots, from its Taylor form at one of them
         knots = np.concatenate([u[:1], u[:1], u[:1], u, u[-1:], u[-1:], u[-1:]])
         at = np.clip(np.arange(len(u) + 2) - 1, 0, len(u) - 1)
-        at[2], at[-3] = 0, len(u) - 1
+        at[:3], at[-3:] = 0, len(u) - 1
         p, q, r = (np.lib.stride_tricks.sliding_window_view(knots[1:-1], 3) - u[at][:, None]).T
         v, a, j = v[at], a[at], j[at]
         return time, knots, v * v + 2.0 / 3.0 * a * (p + q + r) + j / (3.0 * v) * (p * q + q * r + r * p)
@@ -258,8 +258,11 @@ def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
     ranges = list[tuple[int, int]]()
     for k in np.unique(spans).tolist():
         first, last = max(k - _ASIDE, 0), min(k + 1 + _ASIDE, n)
-        if ranges and first <= ranges[-1][1]:
-            first = ranges.pop()[0]
+        if ranges:
+            begins, ends = ranges[-1]
+            if first <= ends:
+                first = begins
+                ranges.pop()
         ranges.append((first, last))
     return ranges
 
