@@ -149,7 +149,7 @@ def test_a_short_overlap_lasts_as_long_as_the_closed_form(lasts: float):
 def test_phases_that_end_within_1e_12_of_an_overlap_end_together(apart: float, count: int):
     one, two = np.zeros((2, 6)), np.zeros((2, 6))
     one[:, 0], two[:, 0] = (0.5, 0.5), (0.5 + apart, 0.5 - apart)
-    assert shared(one, two, 1.0, np.zeros((4, 6)), np.zeros((4, 6))).count == count
+    assert shared(one, two, 1.0, np.zeros((4, 6)), np.zeros((4, 6))).common == count
 
 
 def test_arcs_overlap_in_corners_as_lines_do():

@@ -115,7 +115,7 @@ def test_what_the_proof_refuses_is_not_used(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_a_spline_that_takes_too_much_is_drawn_tight_until_it_is_proven(monkeypatch: pytest.MonkeyPatch) -> None:
     """1 % more than the limits at the points that are looked at: the first proof fails, a later one holds."""
-    monkeypatch.setattr(lift, "SHARES", lift.Limits(1.0 - 1e-4, 1.01, 1.01, 1.01))
+    monkeypatch.setattr(lift, "SHARES", (1.0 - 1e-4, 1.01, 1.01, 1.01))
     faults, found, ratios = list[int](), lift.faults_of, list[float]()
 
     def counted(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:

@@ -136,7 +136,7 @@ def _sample(
     last = len(pieces.length) - 1
     for m in range(len(motion.duration)):
         T = motion.duration[m]
-        p = motion.piece[m]
+        p = int(motion.piece[m])
         x0 = motion.x[m]
         v = motion.speed[m]
         a = motion.acceleration[m]

@@ -378,7 +378,7 @@ class _Compiled(NamedTuple):
     arguments: struct.Struct
     returned: struct.Struct
     memory: Callable[[], Any]  # makes room for both
-    kinds: tuple[tuple[object, int, int], ...]  # of each passed number and array, see `_kind`
+    kinds: tuple[tuple[Any, int, int], ...]  # of each passed number and array, see `_kind`
 
 
 class Kernel(Generic[_P, _R]):
@@ -422,7 +422,7 @@ class Kernel(Generic[_P, _R]):
         """Check the arguments and run the machine code."""
         unit, compiled, words = self.unit, self._compiled, list[Any]()
         # recompiled since the last call: the function has moved
-        if compiled is None or compiled.code is not unit._code:
+        if compiled is None or compiled.code is not unit.code:
             compiled = self._compiled = self._bound()
         place = -1
         for (cell, dimensions, width), value in zip(compiled.kinds, values, strict=True):

@@ -804,9 +804,11 @@ def lines_room(segments: Pieces) -> Lines:
 def fit_room(knots: int, axes: int) -> Fit:
     """Return room for a spline with so many knots."""
     return Fit(
-        *(np.zeros(knots) for _ in range(2)),
+        np.zeros(knots),
+        np.zeros(knots),
         np.zeros((knots, axes)),
-        *(np.zeros(knots, np.int64) for _ in range(2)),
+        np.zeros(knots, np.int64),
+        np.zeros(knots, np.int64),
         rows_for(State, knots, axes),
         np.zeros(knots, np.int64),
         np.zeros((knots, axes, 8)),
@@ -816,5 +818,7 @@ def fit_room(knots: int, axes: int) -> Fit:
 def cluster_room(knots: int, axes: int) -> Room:
     """Return work arrays for the fit of such a spline."""
     goals, more = (Goals(np.zeros(knots), np.zeros(knots)) for _ in range(2))
-    states, polynomials = (rows_for(State, axes) for _ in range(2)), (np.zeros((axes, 8)) for _ in range(2))
-    return Room(goals, more, *states, *polynomials, *(np.zeros(axes) for _ in range(3)))
+    a, b = rows_for(State, axes), rows_for(State, axes)
+    piece, rest = np.zeros((axes, 8)), np.zeros((axes, 8))
+    before, behind, here = np.zeros(axes), np.zeros(axes), np.zeros(axes)
+    return Room(goals, more, a, b, piece, rest, before, behind, here)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from math import sqrt
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -233,15 +233,15 @@ def _blended(
 class Ended(NamedTuple):
     """What `join` has written.
 
-    count  number of pieces
-    ended  number of runs that end in them
-    done   the first remaining segment, or -1 if an unfinished spline cannot be continued
-    taken  length of this segment used by the preceding blend, m
-    goals  number of goals of an unfinished spline
-    every  number of pieces including those of a planned stop
+    pieces  number of pieces
+    ended   number of runs that end in them
+    done    the first remaining segment, or -1 if an unfinished spline cannot be continued
+    taken   length of this segment used by the preceding blend, m
+    goals   number of goals of an unfinished spline
+    every   number of pieces including those of a planned stop
     """
 
-    count: int
+    pieces: int
     ended: int
     done: int
     taken: float
@@ -425,7 +425,7 @@ class Joiner:
         self._taken, self._flows, self._begun = 0.0, False, None
         self._held = (part_of_pieces(held, count, n), tolerance[count:]) if n > count else None
         sections, joint = self.join(chain)
-        return [stop, *sections], Joint(*(np.concatenate(arrays) for arrays in zip(before, joint, strict=True)))
+        return [stop, *sections], Joint._make([np.concatenate(arrays) for arrays in zip(before, joint, strict=True)])
 
     def _joined(self, segments: Pieces, tolerance: np.ndarray, ends: bool) -> tuple[list[Section], Joint] | None:
         """Return the sections and the joints after the finished segments, or None if a spline cannot be continued."""
@@ -448,15 +448,15 @@ class Joiner:
                 many *= 2
         if ended.done < 0:
             return None
-        pieces = Pieces(*(array[: ended.count].copy() for array in out.pieces))
-        runs = out.runs[: ended.count]
-        joint = Joint(*(array[: ended.done] for array in joint))
-        cuts = [0, *(np.flatnonzero(np.diff(runs)) + 1).tolist(), ended.count] if ended.count else []
+        pieces = Pieces._make([array[: ended.pieces].copy() for array in out.pieces])
+        runs = out.runs[: ended.pieces]
+        joint = Joint._make([array[: ended.done] for array in joint])
+        cuts = [0, *(np.flatnonzero(np.diff(runs)) + 1).tolist(), ended.pieces] if ended.pieces else []
         corners = np.maximum(tolerance[: ended.done][joint.stop == 1], 0.0)
         sections = list[Section]()
         for i, j in pairwise(cuts):
             corner = float(corners[runs[i]]) if runs[i] < ended.ended else 0.0
-            if pieces.kind[j - 1] == POLYNOMIAL or j == ended.count or pieces.kind[j] == POLYNOMIAL:
+            if pieces.kind[j - 1] == POLYNOMIAL or j == ended.pieces or pieces.kind[j] == POLYNOMIAL:
                 # a spline ends or begins there: its first and last span keep the other tenth
                 corner = CROSSED * corner
             sections.append(Section(part_of_pieces(pieces, i, j), bool(runs[i] < ended.ended), corner))
@@ -465,7 +465,7 @@ class Joiner:
             return sections, joint
         self._taken, self._begun = ended.taken, None
         if ended.goals:
-            hand = Pieces(*(array[ended.count : ended.every].copy() for array in out.pieces))
+            hand = Pieces._make([array[ended.pieces : ended.every].copy() for array in out.pieces])
             goals = Goals(*(array[: ended.goals].copy() for array in begun.goals))
             floor = work.lines.far[ended.done :].copy()
             self._begun = _Begun(begun._replace(many=ended.goals, goals=goals, floor=floor), hand)
@@ -490,7 +490,8 @@ def _unfinished(before: _Begun | None, segments: Pieces, many: int) -> Unfinishe
     spline = before.spline
     for array, known in zip(goals, spline.goals, strict=True):
         array[: spline.many] = known
-    begun.knots[:], begun.begins[:], begun.floor[: len(spline.floor)] = spline.knots, spline.begins, spline.floor
+    begun.knots[:], begun.floor[: len(spline.floor)] = spline.knots, spline.floor
+    np.copyto(cast(np.ndarray, begun.begins), cast(np.ndarray, spline.begins))
     return begun._replace(many=spline.many)
 
 

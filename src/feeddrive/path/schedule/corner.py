@@ -73,7 +73,7 @@ _NOTHING = Ranges(Range(0.0, 0.0), Range(0.0, 0.0), Range(0.0, 0.0), Range(0.0, 
 class End(NamedTuple):
     """The end of a run at a corner: its motion on one piece of its path, and this piece.
 
-    motion     time intervals, of which the first `count` are used
+    motion     time intervals, of which the first `used` count
     lasts      their duration, s
     length     of the piece, m
     feed       m/s
@@ -82,7 +82,7 @@ class End(NamedTuple):
     """
 
     motion: Records[Interval]
-    count: int
+    used: int
     lasts: float
     length: float
     feed: float
@@ -145,7 +145,7 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
     for i in range(axes):
         curved = max(curved, max(one.most[i].M2, two.most[i].M2))
     # where the first motion is when the second begins
-    m = one.count
+    m = one.used
     left = lasts
     while m > 0 and left > 0.0:
         m = m - 1
@@ -156,12 +156,12 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
     t = 0.0
     share = 0.0
     distance = 1e300
-    while t < lasts and m < one.count and n < two.count:
+    while t < lasts and m < one.used and n < two.used:
         end0 = begin0 + one.motion[m].duration
         end1 = begin1 + two.motion[n].duration
         end = min(min(end0, end1), lasts)
         # both last intervals end with the overlap, although the sums of durations differ from it by rounding
-        if m + 1 == one.count and n + 1 == two.count:
+        if m + 1 == one.used and n + 1 == two.used:
             end = lasts
         h = end - t
         if h > _SLIVER * lasts:
@@ -274,14 +274,14 @@ def overlap(one: End, two: End, longest: float, tolerance: float, limits: Record
 class Shared(NamedTuple):
     """Two motions split into common time intervals, see `shared`.
 
-    count   number of common intervals
+    common  number of common intervals
     begins  interval of the first motion in which the overlap starts
     alone   duration of this interval before the overlap, s
     ends    interval of the second motion in which the overlap ends
     rest    the remainder of that interval
     """
 
-    count: int
+    common: int
     begins: int
     alone: float
     ends: int
@@ -729,8 +729,8 @@ def bump(
                 m = _rows(two, peak1, rows1)
                 good = n > 0 and m > 0
                 good = good and both <= time0 - before.lasts and both <= (0.5 * time1 if half else time1)
-                end = end._replace(motion=rows0, count=n, length=one.length)
-                begin = begin._replace(motion=rows1, count=m)
+                end = end._replace(motion=rows0, used=n, length=one.length)
+                begin = begin._replace(motion=rows1, used=m)
             if good:
                 most, away = together(end, begin, both, limits, feed)
                 good = most <= 1.0 + 1e-10 and away <= tolerance
@@ -986,9 +986,9 @@ class Crossings:
         """Return a stretch of a line from node to node, as for `straight`."""
         # an axis that does not move sets no limit, and must not divide by zero
         slope = np.maximum(np.abs(direction(pieces, k)), 1e-200)
-        fastest, *limits = (np.min(self._limits / slope[:, None], axis=0) * (1.0 - 1e-12)).tolist()
+        fastest, a, j, s = (np.min(self._limits / slope[:, None], axis=0) * (1.0 - 1e-12)).tolist()
         fastest = min(fastest, float(pieces.feed[k]) / float(np.sqrt(slope @ slope)))
-        return LineStretch(length, fastest, *limits, head, tail)
+        return LineStretch(length, fastest, a, j, s, head, tail)
 
 
 def _together(both: tuple[_Run, _Run]) -> float:
@@ -1006,7 +1006,7 @@ def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Moti
     if stretch.first == 0 and stretch.last == len(motion.duration):
         return from_rows(new, k, float(motion.x[0]))
     parts = zip(motion, from_rows(new, k, float(motion.x[stretch.first])), strict=True)
-    return Motion(*(np.concatenate([old[: stretch.first], middle, old[stretch.last :]]) for old, middle in parts))
+    return Motion._make([np.concatenate([old[: stretch.first], middle, old[stretch.last :]]) for old, middle in parts])
 
 
 def _made(seen: End | None, new: np.ndarray, motion: Motion) -> End | None:
@@ -1014,7 +1014,7 @@ def _made(seen: End | None, new: np.ndarray, motion: Motion) -> End | None:
 
     `new` has the time intervals of `motion`.
     """
-    return seen._replace(motion=new, count=len(new), lasts=_time(motion)) if seen else None
+    return seen._replace(motion=new, used=len(new), lasts=_time(motion)) if seen else None
 
 
 def _end(part: Part, last: bool) -> End:
@@ -1027,7 +1027,7 @@ def _end(part: Part, last: bool) -> End:
             m = int(np.flatnonzero(inside)[-1])  # it may continue on the next piece
             there = on.x[m] + way(*(float(column[m]) for column in (*on[3:], on.duration)))
             inside[m] = inside.all() and there <= pieces.length[k]
-        on = Motion(*(column[inside] for column in on))
+        on = Motion._make([column[inside] for column in on])
     length, feed = float(pieces.length[k]), float(pieces.feed[k])
     if pieces.kind[k] == LINE:
         return End(rows(on), len(on.duration), _time(on), length, feed, *_along_line(pieces, k))

@@ -7,6 +7,7 @@ and is faster; otherwise the original plan is kept.
 """
 
 from collections.abc import Iterator
+from typing import cast
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from feeddrive.path.schedule.ramp import Slopes
 from feeddrive.path.schedule.spline import Basis, Points, Rates, Reached, Room, State
 
 # less reserve fails more proofs and costs more rounds, more reserve costs time of the motion
-SHARES = Limits(1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at the points: the rest is for the motion between them
+SHARES = (1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at the points: the rest is for the motion between them
 _FINE = 7.0  # number of spans in the duration of half a ramp
 _HALF = 4  # number of time intervals in half a ramp: all those of the shortest one
 # some time intervals exist only due to rounding: their length must not set that of the spans
@@ -174,13 +175,13 @@ class _Path:
                 # a jump or a backward motion, which lower limits would not remove
                 if which < -1:
                     return None
-                near = np.searchsorted(looked.span, [where - 1, where + 2]).tolist()
+                near, behind = np.searchsorted(looked.span, [where - 1, where + 2]).tolist()
                 axis, number_of = divmod(int(which), len(DERIVATIVES))
                 # r is scaled by the limits: enlarging it lowers them at these points
                 if which == -1 or number_of == 0:
-                    looked.most[slice(*near)] *= 1.0 - 1e-3 * 2.0**number
+                    looked.most[near:behind] *= 1.0 - 1e-3 * 2.0**number
                 else:
-                    spline.tightened(looked, *near, axis, number_of, 1.0 + _TIGHTER * 2.0**number)
+                    spline.tightened(looked, near, behind, axis, number_of, 1.0 + _TIGHTER * 2.0**number)
             new = _around(np.asarray(by_field(Broken, faults).interval).astype(int), n)
         return None
 
@@ -237,18 +238,31 @@ class _Path:
             np.zeros(size),
         )
         count = spline.points(
-            pieces, self._begin, self.top, self._limits, SHARES, knots, time, filled, rows_for(Derivatives, axes)
+            pieces,
+            self._begin,
+            self.top,
+            self._limits,
+            Limits(*SHARES),
+            knots,
+            time,
+            filled,
+            rows_for(Derivatives, axes),
         )
-        return Points(*(array[:count] for array in filled))
+        return _some_points(filled, 0, count)
 
 
 def _quicker(looked: Points, coefficient: np.ndarray, begins: float, ends: float, first: int, last: int) -> int:
     """Run `quickest` on the spans from `first` up to but excluding `last`; three coefficients at each end are fixed."""
-    some = slice(*np.searchsorted(looked.span, [first, last]))
-    part = Points(*(array[some] for array in looked))._replace(span=looked.span[some] - first)
+    begins_at, ends_at = np.searchsorted(looked.span, [first, last]).tolist()
+    part = _some_points(looked, begins_at, ends_at)
+    part = part._replace(span=part.span - first)
     m, n = len(part.span), last - first + 3
     room = Room(np.zeros(m), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4)))
     return spline.quickest(part, coefficient[first : last + 3], begins, ends, _STEPS, room)
+
+
+def _some_points(points: Points, first: int, last: int) -> Points:
+    return Points._make([array[first:last] for array in cast("tuple[np.ndarray, ...]", points)])
 
 
 def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
@@ -314,12 +328,12 @@ def _rests(motion: Motion) -> np.ndarray:
 
 
 def _some(motion: Motion, first: int, last: int) -> Motion:
-    return Motion(*(column[first:last] for column in motion))
+    return Motion._make([column[first:last] for column in motion])
 
 
 def _one(motions: list[Motion]) -> Motion:
     """Concatenate motions."""
-    return Motion(*(np.concatenate(columns) for columns in zip(*motions, strict=True)))
+    return Motion._make([np.concatenate(columns) for columns in zip(*motions, strict=True)])
 
 
 def _end(motion: Motion) -> State:
@@ -338,7 +352,9 @@ def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
     first = t, motion.piece[m], x, v, a, j, s
     second = T - t, p, there, cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s
     halves = zip(motion, zip(first, second, strict=True), strict=True)
-    return Motion(*(np.concatenate([column[:m], two, column[m + 1 :]]).astype(column.dtype) for column, two in halves))
+    return Motion._make(
+        [np.concatenate([column[:m], two, column[m + 1 :]]).astype(column.dtype) for column, two in halves]
+    )
 
 
 def _after(hand: Part, part: Part) -> Part:

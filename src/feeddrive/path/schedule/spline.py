@@ -566,10 +566,10 @@ def ramp_gain(
     begin = interval_of(motion, first)
     _, x, v, a, j, s = interval_of(motion, last - 1)
     t = motion.duration[last - 1]
-    p = motion.piece[first]
+    p = int(motion.piece[first])
     derivatives(pieces.kind[p], pieces.length[p], pieces.shape[p], min(begin.x, pieces.length[p]), r)
     one = _along(r, limits)
-    p = motion.piece[last - 1]
+    p = int(motion.piece[last - 1])
     here = x + way(v, a, j, s, t)
     while here > pieces.length[p] and p + 1 < len(pieces.length):
         here = here - pieces.length[p]
@@ -650,7 +650,7 @@ def states(motion: Motion, begin: Floats, time: Floats, out: Records[Reached]) -
         _, x, v, a, j, s = interval_of(motion, m)
         t = time[k] - gone
         out[k] = Reached(
-            begin[motion.piece[m]] + x + way(v, a, j, s, t),
+            begin[int(motion.piece[m])] + x + way(v, a, j, s, t),
             cubic(v, a, j, s, t),
             a + t * (j + 0.5 * t * s),
             j + t * s,
