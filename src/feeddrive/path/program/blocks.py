@@ -527,11 +527,15 @@ G_CODES: dict[int, Code] = {
     **_codes(Step.DWELL, {4: "dwell of P seconds"}, "non-modal"),
     **_codes(Step.PLANE, {17: "plane XY", 18: "plane ZX", 19: "plane YZ"}),
     **_codes(Step.UNITS, {20: "inch", 21: "mm"}),
-    **_codes(Step.CUTTER, {40: "cutter compensation off"}),
     **_codes(
         Step.CUTTER,
-        {41: "cutter compensation left", 41.1: "the same, D", 42: "right", 42.1: "the same, D"},
-        native=False,
+        {
+            40: "radius compensation off",
+            41: "radius compensation left",
+            41.1: "left, D a diameter",
+            42: "radius compensation right",
+            42.1: "right, D a diameter",
+        },
     ),
     **_codes(
         Step.TOOL_LENGTH, {43: "tool offset of the table", 43.1: "tool offset of the words", 43.2: "added", 49: "off"}

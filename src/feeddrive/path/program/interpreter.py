@@ -15,7 +15,8 @@ from pathlib import Path
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import Block, BlockError, Line, LineReader, Parameters, Place, Step, Values
-from feeddrive.path.program.motion import MOVING, Motion, emit_path_mode
+from feeddrive.path.program.compensation import Compensation
+from feeddrive.path.program.motion import MOVING, PLANES, Motion, emit_path_mode
 from feeddrive.path.program.moves import Command, Value
 from feeddrive.path.program.state import (
     BY_CODE,
@@ -416,8 +417,16 @@ _SWITCHED = {500: "FEED_OVERRIDE", 510: "SPEED_OVERRIDE", 520: "ADAPTIVE_FEED", 
 class Switches:
     """The executor of the codes that move no axis; `ended` is True once the program has ended."""
 
-    def __init__(self, state: State, emit: Emit, tools: dict[int, Tool] | None) -> None:
+    def __init__(
+        self,
+        state: State,
+        emit: Emit,
+        tools: dict[int, Tool] | None,
+        line: Callable[[], Line],
+        write: Callable[[Command], None],
+    ) -> None:
         self._state, self._emit, self._tools = state, emit, tools
+        self._line, self._write = line, write
         self.ended = False
         self._acts: dict[Step, Callable[[int, Block], None]] = {
             Step.OUTPUT: self._output,
@@ -429,7 +438,7 @@ class Switches:
             Step.DWELL: self._dwell,
             Step.PLANE: self._plane,
             Step.UNITS: self._units,
-            Step.CUTTER: self._no_cutter,
+            Step.CUTTER: self._cutter,
             Step.TOOL_LENGTH: self._tool_length,
             Step.SYSTEM: self._system,
             Step.PATH_MODE: self._path_mode,
@@ -532,8 +541,56 @@ class Switches:
     def _rpm(self, code: int, block: Block) -> None:
         self._emit("SET_SPINDLE_MODE", 0, 0.0)
 
-    def _no_cutter(self, code: int, block: Block) -> None:
-        self._emit("COMMENT", "interpreter: cutter radius compensation off")
+    def _cutter(self, code: int, block: Block) -> None:
+        if code == 400:
+            self.leave_contour()
+            self._emit("COMMENT", "interpreter: cutter radius compensation off")
+            return
+        state, name = self._state, blocks.name_of("g", code)
+        if state.plane == 190:
+            raise BlockError(f"{name} acts in the planes XY and ZX: write G17 or G18 before", name)
+        diameter = self._diameter(block, code, name)
+        left = (code in (410, 411)) == (diameter >= 0)
+        self._emit("COMMENT", f"interpreter: cutter radius compensation on {'left' if code < 420 else 'right'}")
+        # of a tool without a radius the center goes along the contour
+        if diameter:
+            state.compensation = Compensation(
+                0.5 * abs(diameter), left, PLANES[state.plane], state.position, self._line, self._write
+            )
+
+    def _diameter(self, block: Block, code: int, name: str) -> float:
+        """Return the diameter of the tool for G41 or G42 in the program's unit: D of the block, or of the table."""
+        state = self._state
+        if code in (411, 421):
+            orientation = block.whole("l", name, 0, 9, 0)
+            diameter = block.take("d", name)
+            assert diameter is not None
+        else:
+            number = block.whole("d", name, 0, 99999, 0) or state.tool
+            tool = self._tools.get(number) if self._tools is not None else None
+            if tool is None:
+                reason = (
+                    f"tool {number} is not in the tool table, which gives its diameter: give the table with this tool"
+                    if number
+                    else "no tool is in the spindle: load one with T and M6, or name it with D"
+                )
+                raise BlockError(f"{reason}; {name}.1 D has the diameter in the program", name)
+            orientation = tool.orientation
+            diameter = tool.diameter * state.scale
+        if orientation not in (0, 9):
+            raise BlockError(
+                f"the tool has the orientation {orientation} of a lathe, for which there is no compensation here: give "
+                "a round tool, or take the front end rs274",
+                name,
+            )
+        return diameter
+
+    def leave_contour(self) -> None:
+        """End the radius compensation, if it is on: the next move leads from beside the contour to its target."""
+        state = self._state
+        if state.compensation:
+            state.compensation.finish()
+            state.compensation, state.leaving = None, True
 
     def _system(self, code: int, block: Block) -> None:
         choose_system(self._state, self._emit, BY_CODE[code])
@@ -623,6 +680,13 @@ class Switches:
         self._emit("COMMENT", f"interpreter: retract mode set to {'r_plane' if code == 990 else 'old_z'}")
 
 
+_ENDING = (20, 300)
+_EXCLUDED = {
+    *(Step.PLANE, Step.UNITS, Step.CUTTER, Step.TOOL_LENGTH, Step.SYSTEM, Step.PATH_MODE, Step.OFFSET, Step.MOTION),
+    *(Step.TOOL_CHANGE, Step.OUTPUT),
+}
+_HARMLESS = {*(("g", code) for code in (0, 10, 20, 30, 800)), *(("m", code) for code in (610, 640, 650, 680))}
+"""Codes that radius compensation excludes: those of some steps, without some of them."""
 _FEED_MODE, _OFFSET, _MOTION, _STOP = Step.FEED_MODE, Step.OFFSET, Step.MOTION, Step.STOP
 _ARC_WORDS = frozenset("ijkr")
 
@@ -653,7 +717,7 @@ class Interpreter:
         self._out: list[Command] = []
         self._line = Line(str(program), 0, "")
         self._flow = Flow(program, self._parameters, most_again)
-        self._switches = Switches(self._state, self._emit, self._tools)
+        self._switches = Switches(self._state, self._emit, self._tools, lambda: self._line, self._write)
         self._motion = Motion(self._state, self._emit, self._flow.moved)
         self._state.publish()
         self._parameters.live["_line"] = lambda: float(self._line.number)
@@ -699,7 +763,14 @@ class Interpreter:
         return out
 
     def _emit(self, name: str, *values: Value) -> None:
-        self._out.append(Command(name, values, self._line))
+        command = Command(name, values, self._line)
+        if self._state.compensation:
+            self._state.compensation.take(command)
+        else:
+            self._out.append(command)
+
+    def _write(self, command: Command) -> None:
+        self._out.append(command)
 
     def _begin(self) -> None:
         state, numbered = self._state, self._parameters.numbered
@@ -723,6 +794,7 @@ class Interpreter:
             self._flow.check_end()
         except BlockError as fault:
             raise blocks.located(self._line, fault) from None
+        self._switches.leave_contour()
         self._emit("FINISH")
         self._emit("ON_RESET")
         self._emit("ON_RESET")
@@ -741,6 +813,8 @@ class Interpreter:
         words, codes = block.words, block.codes
         motion = -1
         special = stop = -1
+        if self._state.compensation and codes:
+            self._refuse_on_contour(codes, words)
         if codes:
             at = 0
             while at < len(codes) and codes[at][0] is _FEED_MODE:
@@ -775,7 +849,25 @@ class Interpreter:
                 letter.upper(),
             )
         if stop >= 0:
+            if stop in _ENDING:
+                self._switches.leave_contour()
             self._switches.stop(stop)
+
+    def _refuse_on_contour(self, codes: Sequence[tuple[Step, str, int]], words: dict[str, float]) -> None:
+        """Refuse the codes that radius compensation excludes."""
+        state = self._state
+        same = {(Step.PLANE, state.plane), (Step.UNITS, 200 if state.inch else 210), (Step.CUTTER, 400)}
+        off = (Step.CUTTER, "g", 400) in codes
+        for step, letter, number in codes:
+            if step in _EXCLUDED and (step, number) not in same and (letter, number) not in _HARMLESS:
+                # L1 and L10 write the table, which acts at the next G41
+                if number == 100 and words.get("l") in (1, 10):
+                    continue
+                # G40 acts before the codes behind it in the order of execution
+                if off and step > Step.CUTTER:
+                    continue
+                name = blocks.name_of(letter, number)
+                raise BlockError(f"{name} does not go with radius compensation: write G40 in a line before it", name)
 
     def _comment(self, text: str) -> None:
         head, comma, rest = text.partition(",")

@@ -316,8 +316,12 @@ class Motion:
                 )
         self._moved()
         self._tangent = None
-        state.position = target
-        self._emit("STRAIGHT_FEED" if code else "STRAIGHT_TRAVERSE", *target)
+        name = "STRAIGHT_FEED" if code else "STRAIGHT_TRAVERSE"
+        if state.compensation:
+            state.compensation.move(name, target)
+        else:
+            self._emit(name, *target)
+        state.position, state.leaving = target, False
 
     def _inverse_time(self, block: Block, length: float, name: str) -> None:
         """Set the feed of this move under G93: F is the inverse of its time in minutes."""
@@ -332,6 +336,8 @@ class Motion:
     def _arc(self, block: Block, code: int) -> None:
         state = self._state
         name = "G2" if code == 20 else "G3"
+        if state.leaving:
+            raise BlockError(f"the move behind G40 is straight: write G0 or G1 before this {name}", name)
         first, second, across = PLANES[state.plane]
         position = state.position
         target, moved = self.target(block)
@@ -358,9 +364,12 @@ class Motion:
             raise BlockError(f"{name} needs a feed above 0: write F in this block or before", name)
         self._moved()
         self._tangent = None
+        turns = turns if code == 30 else -turns
+        if state.compensation:
+            state.compensation.move("ARC_FEED", target, center, turns)
+        else:
+            self._emit("ARC_FEED", *end, *center, turns, target[across], *target[3:])
         state.position = target
-        others = (*target[3:],)
-        self._emit("ARC_FEED", *end, *center, turns if code == 30 else -turns, target[across], *others)
 
     def _center(
         self, name: str, offsets: tuple[float | None, float | None], start: tuple[float, float], letters: str

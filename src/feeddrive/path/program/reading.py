@@ -30,9 +30,9 @@ PROGRAM, PACKAGE = "rs274", "linuxcnc-uspace"
 LONGEST_RUN, LARGEST_OUTPUT = 300.0, 2e9
 """The longest run of `rs274`, s, and the largest size of its output, bytes."""
 
-_NEEDED = re.compile(r"g0*(?:4[12](?:\.1)?|[78]|76|8[78])(?![\d.])|m0*(?:19|7[0-3])(?![\d.])")
+_NEEDED = re.compile(r"g0*(?:[78]|76|8[78])(?![\d.])|m0*(?:19|7[0-3])(?![\d.])")
 _CANDIDATE = re.compile(
-    rb"[gG][ \t0]*(?:4[ \t]*[12]|7[ \t]*6|8[ \t]*[78]|[78][ \t]*(?![0-9 \t]))|[mM][ \t0]*(?:1[ \t]*9|7[ \t]*[0-3])"
+    rb"[gG][ \t0]*(?:7[ \t]*6|8[ \t]*[78]|[78][ \t]*(?![0-9 \t]))|[mM][ \t0]*(?:1[ \t]*9|7[ \t]*[0-3])"
 )
 _NAME = re.compile(r"<[^>]*>")
 _NUMBER = re.compile(r"\s*(/?)\s*(?:[nN][\s\d.]*)?")

@@ -14,6 +14,7 @@ from pathlib import Path
 from feeddrive.language.errors import FileError, shown
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import AXES, Block, BlockError, Parameters, name_of
+from feeddrive.path.program.compensation import Compensation
 
 _WORD = re.compile(r"([A-Za-z])([+-]?(?:\d+\.?\d*|\.\d+))\s*")
 _AXES = "XYZABCUVW"
@@ -114,6 +115,8 @@ class State:
     motion    the modal motion as ten times the code: 10 for G1; 800 for none
     cycle     sticky words of a series of canned cycles
     level     initial level of these cycles: axis and coordinate
+    compensation  the radius compensation, if it is on; `position` is then that of the programmed contour
+    leaving       True between G40 and the next move
     """
 
     def __init__(self, parameters: Parameters, user_inch: bool) -> None:
@@ -145,6 +148,8 @@ class State:
         self.mist = self.flood = False
         self.cycle: dict[str, float] = {}
         self.level: tuple[int, float] | None = None
+        self.compensation: Compensation | None = None
+        self.leaving = False
 
     # units
 
@@ -192,6 +197,10 @@ class State:
         shifted[0], shifted[1] = rotated(shifted[0], shifted[1], self.rotation)
         return [s + o + t for s, o, t in zip(shifted, self.origin, self.tool_offset, strict=True)]
 
+    def here(self) -> list[float]:
+        """Return the position of the tool in program coordinates, with radius compensation that of its center."""
+        return self.compensation.position(self.position) if self.compensation else self.position
+
     def program(self, machine: Sequence[float]) -> list[float]:
         """Convert machine coordinates to program coordinates."""
         shifted = [m - o - t for m, o, t in zip(machine, self.origin, self.tool_offset, strict=True)]
@@ -231,7 +240,7 @@ class State:
         for axis in range(9):
             # bound by defaults, since a closure would see the last axis of the loop only
             live[5401 + axis] = lambda axis=axis: self.tool_offset[axis] / (self.scale if axis in LINEAR else 1.0)
-            live[5420 + axis] = lambda axis=axis: self.position[axis]
+            live[5420 + axis] = lambda axis=axis: self.here()[axis]
             live[f"_{AXES[axis]}"] = live[5420 + axis]
         live |= {
             "_metric": lambda: float(not self.inch),
