@@ -572,11 +572,8 @@ G_CODES: dict[int, Code] = {
     **_codes(
         Step.MOTION, {33.1: "rigid tapping", 38.2: "probe", 38.3: "probe", 38.4: "probe", 38.5: "probe"}, native=False
     ),
-    **_codes(
-        Step.MOTION,
-        {5.2: "NURBS", 5.3: "NURBS end", 76: "thread", 87: "back bore", 88: "bore, manual out"},
-        native=False,
-    ),
+    **_codes(Step.MOTION, {5.2: "NURBS with L, P", 5.3: "end of G5.2", 6.2: "NURBS with P, K, R"}),
+    **_codes(Step.MOTION, {76: "thread", 87: "back bore", 88: "bore, manual out"}, native=False),
     **_codes(Step.DISTANCE, {7: "lathe diameter", 8: "lathe radius"}, "lathe", native=False),
     **_codes(Step.SPINDLE_SPEED, {96: "constant surface speed"}, "spindle mode", native=False),
     **_codes(Step.SPINDLE_SPEED, {97: "spindle speed in rpm"}, "spindle mode"),
@@ -602,8 +599,6 @@ M_CODES: dict[int, Code] = {
 }
 
 REFUSED: dict[str, str] = {
-    "G5.2": "the interpreter of LinuxCNC prints no points of a NURBS: use G5 or G5.1",
-    "G5.3": "the interpreter of LinuxCNC prints no points of a NURBS: use G5 or G5.1",
     "G33.1": "rigid tapping follows the real spindle: take it out of what is planned",
     **dict.fromkeys(("M98", "M99"), "subprograms are o-words here: o100 sub .. o100 endsub, and o100 call"),
     "M66": "what an input reads is not known before: take it out of what is planned",

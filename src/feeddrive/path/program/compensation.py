@@ -89,7 +89,7 @@ def _meetings(a: Curve, b: Curve) -> Iterator[Pair]:
             way = ((b.start[0] - a.start[0]) * vy - (b.start[1] - a.start[1]) * vx) / across
             yield a.start[0] + way * ux, a.start[1] + way * uy
         return
-    radius = math.dist(a.start, a.center)
+    radius = math.dist(a.end, a.center)
     if b.center is None:
         ux, uy = b.tangent(b.start)
         foot = (a.center[0] - b.start[0]) * ux + (a.center[1] - b.start[1]) * uy
@@ -180,7 +180,7 @@ class Compensation:
         if self._waiting is None:
             shifted = self._lead_in(programmed, shifted)
         else:
-            shifted = self._corner(command, self._waiting, programmed, shifted)
+            shifted = self._corner(command, target, self._waiting, programmed, shifted)
         self._place = shifted.start
         self._waiting = _Move(command, list(target), programmed, shifted)
         self._target = list(target)
@@ -233,7 +233,9 @@ class Compensation:
         center = shifted.end[0] + reach * across[0], shifted.end[1] + reach * across[1]
         return Curve(self._place, shifted.end, center, programmed.turns)
 
-    def _corner(self, command: Command, last: _Move, programmed: Curve, shifted: Curve) -> Curve:
+    def _corner(
+        self, command: Command, target: list[float], last: _Move, programmed: Curve, shifted: Curve
+    ) -> Curve:
         """Write the waiting move with the corner behind it; return the shifted curve, which begins behind the corner."""
         corner = last.programmed.end
         (ax, ay), (bx, by) = last.programmed.tangent(corner), programmed.tangent(corner)
@@ -247,7 +249,7 @@ class Compensation:
             return shifted._replace(start=last.shifted.end)
         if not inner:
             self._release(last.shifted.end)
-            self._round(command, corner, shifted.start)
+            self._round(command.name, corner, shifted.start, target)
             return shifted
         meeting = self._meeting(last.shifted, shifted)
         self._release(meeting)
@@ -267,15 +269,15 @@ class Compensation:
             "G",
         )
 
-    def _round(self, command: Command, corner: Pair, start: Pair) -> None:
-        """Write the way around an outer corner."""
+    def _round(self, name: str, corner: Pair, start: Pair, target: list[float]) -> None:
+        """Write the way around an outer corner, on which axes other than X Y Z go to their target, as in LinuxCNC."""
         first, second, across = self._plane
-        point = self._at(self._target, start)
-        if command.name == "STRAIGHT_TRAVERSE":
-            self._write(Command("STRAIGHT_TRAVERSE", tuple(point), command.line))
+        point = self._at([*self._target[:3], *target[3:]], start)
+        if name == "STRAIGHT_TRAVERSE":
+            self._write(Command(name, tuple(point), self._line()))
             return
         values = (point[first], point[second], *corner, -1 if self._left > 0 else 1, point[across], *point[3:])
-        self._write(Command("ARC_FEED", values, command.line))
+        self._write(Command("ARC_FEED", values, self._line()))
 
     def _release(self, end: Pair) -> None:
         """Write the waiting move up to a point, and the commands behind it."""

@@ -83,6 +83,7 @@ class Frame:
             "STRAIGHT_TRAVERSE": self._traverse_to,
             "ARC_FEED": self._arc,
             "NURBS_FEED": self._spline,
+            "BEZIER_FEED": self._bezier,
             "DWELL": lambda c: moves.Dwell(c.line, float(c.values[0])),
             "SET_MOTION_CONTROL_MODE": self._path_mode,
             "SET_NAIVECAM_TOLERANCE": self._naive,
@@ -231,13 +232,21 @@ class Frame:
             raise BlockError("the interpreter of LinuxCNC prints no points of a spline: use the own reader", "G5")
         here = self._program_here()
         points = [self._machine((x, y, *here[2:])) for x, y in zip(values[::2], values[1::2], strict=True)]
+        return self._through(command.line, points)
+
+    def _bezier(self, command: Command) -> Move:
+        values = cast("tuple[float, ...]", command.values)
+        return self._through(command.line, [self._machine(values[k : k + 9]) for k in range(0, len(values), 9)])
+
+    def _through(self, line: Line, points: list[Point]) -> Move:
+        """Return the Bezier curve from here with these control points; refuse one that leaves the travel."""
         start = self._here
-        spline = moves.Spline(command.line, start, points[-1], tuple(points[:-1]))
+        spline = moves.Spline(line, start, points[-1], tuple(points[:-1]))
         # control points lie beside the curve: they may lie outside the travel
         for point in points:
             self._check(start, point, travel=point is points[-1])
-        for axis in (0, 1):
-            for value in spline.turns(axis):
+        for axis in range(9):
+            for value in spline.turns(axis) if self._travel and self._travel[axis] else ():
                 self._check_travel(axis, value)
         self._here = points[-1]
         return spline

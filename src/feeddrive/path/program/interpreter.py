@@ -16,7 +16,7 @@ from feeddrive.language.quantity import Quantity, number
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import Block, BlockError, Line, LineReader, Parameters, Place, Step, Values
 from feeddrive.path.program.compensation import Compensation
-from feeddrive.path.program.motion import MOVING, PLANES, Motion, emit_path_mode
+from feeddrive.path.program.motion import CURVE, MOVING, PLANES, Motion, emit_path_mode
 from feeddrive.path.program.moves import Command, Value
 from feeddrive.path.program.state import (
     BY_CODE,
@@ -527,6 +527,9 @@ class Switches:
             state.tool = block.whole("q", "M61", 0, 99999)
             emit("CHANGE_TOOL_NUMBER", state.tool)
             return
+        if state.leaving:
+            # a changer stands for the machine's own position, as in LinuxCNC
+            state.position, state.leaving = state.leaving, None
         emit("START_CHANGE")
         emit("STOP_SPINDLE_TURNING", 0)
         state.spindle = 0
@@ -590,7 +593,8 @@ class Switches:
         state = self._state
         if state.compensation:
             state.compensation.finish()
-            state.compensation, state.leaving = None, True
+            state.leaving = state.here()
+            state.compensation = None
 
     def _system(self, code: int, block: Block) -> None:
         choose_system(self._state, self._emit, BY_CODE[code])
@@ -792,6 +796,8 @@ class Interpreter:
     def _finish(self) -> None:
         try:
             self._flow.check_end()
+            if self._state.nurbs:
+                raise self._unfinished()
         except BlockError as fault:
             raise blocks.located(self._line, fault) from None
         self._switches.leave_contour()
@@ -813,8 +819,10 @@ class Interpreter:
         words, codes = block.words, block.codes
         motion = -1
         special = stop = -1
-        if self._state.compensation and codes:
+        if codes and self._state.compensation:
             self._refuse_on_contour(codes, words)
+        if codes and self._state.nurbs and any(step is not _MOTION or code not in CURVE for step, _, code in codes):
+            raise self._unfinished()
         if codes:
             at = 0
             while at < len(codes) and codes[at][0] is _FEED_MODE:
@@ -869,6 +877,12 @@ class Interpreter:
                 name = blocks.name_of(letter, number)
                 raise BlockError(f"{name} does not go with radius compensation: write G40 in a line before it", name)
 
+    def _unfinished(self) -> BlockError:
+        nurbs = self._state.nurbs
+        assert nurbs is not None
+        ends = "G5.3" if nurbs.name == "G5.2" else f"{nurbs.order} blocks with K alone"
+        return BlockError(f"the curve of {nurbs.name} is not ended: write {ends} before", "")
+
     def _comment(self, text: str) -> None:
         head, comma, rest = text.partition(",")
         kind = "".join(head.split()).lower() if comma else ""
@@ -906,7 +920,7 @@ class Interpreter:
                     f"{letter} stands without a motion: write G0, G1 or another motion in this block or before", letter
                 )
             return motion
-        return motion if motion in (20, 30) and not _ARC_WORDS.isdisjoint(words) else -1
+        return motion if motion in (20, 30, 62) and not _ARC_WORDS.isdisjoint(words) else -1
 
     def _offset(self, block: Block, code: int, motion: int) -> None:
         """Execute a non-modal code that uses axis words."""

@@ -15,6 +15,7 @@ from feeddrive.language.errors import FileError, shown
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import AXES, Block, BlockError, Parameters, name_of
 from feeddrive.path.program.compensation import Compensation
+from feeddrive.path.program.nurbs import Nurbs
 
 _WORD = re.compile(r"([A-Za-z])([+-]?(?:\d+\.?\d*|\.\d+))\s*")
 _AXES = "XYZABCUVW"
@@ -116,7 +117,8 @@ class State:
     cycle     sticky words of a series of canned cycles
     level     initial level of these cycles: axis and coordinate
     compensation  the radius compensation, if it is on; `position` is then that of the programmed contour
-    leaving       True between G40 and the next move
+    nurbs         the curve of G5.2 or G6.2 whose control points are being read
+    leaving       the position of the tool's center between G40 and the next move; otherwise None
     """
 
     def __init__(self, parameters: Parameters, user_inch: bool) -> None:
@@ -149,7 +151,8 @@ class State:
         self.cycle: dict[str, float] = {}
         self.level: tuple[int, float] | None = None
         self.compensation: Compensation | None = None
-        self.leaving = False
+        self.nurbs: Nurbs | None = None
+        self.leaving: list[float] | None = None
 
     # units
 
