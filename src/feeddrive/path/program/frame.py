@@ -13,7 +13,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.path.program import moves
 from feeddrive.path.program.blocks import AXES, BlockError, Line, located
 from feeddrive.path.program.motion import PLANES
-from feeddrive.path.program.moves import Arc, Command, Move, Point
+from feeddrive.path.program.moves import Arc, Command, Move, Point, sweep
 from feeddrive.path.program.state import LINEAR, rotated
 
 Travel = Mapping[str, tuple[float, float] | None]
@@ -22,6 +22,9 @@ FARTHEST = 1e6
 """The largest magnitude of a coordinate, m or rad."""
 ROUNDING = 1e-9
 """The distance by which a coordinate may exceed the travel, m or rad: the rounding of 15 digits at `FARTHEST`."""
+
+TILTED = 1e-7
+"""The largest distance of the curves that stand for an arc in a plane rotated by G10 R from this arc, m."""
 
 _ZERO = (0.0,) * 9
 _CANON_PLANES = {"CANON_PLANE_XY": PLANES[170], "CANON_PLANE_XZ": PLANES[180], "CANON_PLANE_YZ": PLANES[190]}
@@ -57,6 +60,14 @@ def _travel_by_axis(axes: Travel) -> list[tuple[float, float] | None]:
     return [axes.get(letter.upper(), axes.get(letter)) for letter in AXES]
 
 
+def _unit(axis: int, rotation: float) -> list[float]:
+    """Return the direction of an axis of the program in machine coordinates, for a rotation about Z in degrees."""
+    unit = [0.0] * 9
+    unit[axis] = 1.0
+    unit[0], unit[1] = rotated(unit[0], unit[1], rotation)
+    return unit
+
+
 class Frame:
     """The converter of commands to moves, with units, plane, offsets and the machine's position as its state.
 
@@ -78,7 +89,7 @@ class Frame:
         self._per_turn = False
         self._speed, self._direction = 0.0, 0
         self._selected = 0
-        self._makers: dict[str, Callable[[Command], Move | None]] = {
+        self._makers: dict[str, Callable[[Command], Move | list[Move] | None]] = {
             "STRAIGHT_FEED": self._feed_to,
             "STRAIGHT_TRAVERSE": self._traverse_to,
             "ARC_FEED": self._arc,
@@ -121,7 +132,9 @@ class Frame:
                 move = maker(command) if maker else self._other(command)
             except BlockError as fault:
                 raise located(command.line, fault) from None
-            if move is not None:
+            if isinstance(move, list):
+                yield from move
+            elif move is not None:
                 yield move
 
     # coordinates
@@ -195,7 +208,7 @@ class Frame:
         self._here = end
         return moves.Straight(command.line, start, end, traverse)
 
-    def _arc(self, command: Command) -> Move:
+    def _arc(self, command: Command) -> Move | list[Move]:
         numbers = [float(value) for value in command.values]
         first, second, across = self._plane
         program = list(_ZERO)
@@ -203,16 +216,66 @@ class Frame:
         program[3 : 3 + len(numbers) - 6] = numbers[6:]
         middle = list(program)
         middle[first], middle[second] = numbers[2], numbers[3]
-        # rotated about Z it would lie in none of the three planes
-        if self._rotation and across != 2:
-            raise BlockError("an arc outside of the plane XY cannot be rotated by G10 R: set R to 0", "G")
         start, end, center = self._here, self._machine(tuple(program)), self._machine(tuple(middle))
-        arc = Arc(command.line, start, end, self._plane, (center[first], center[second]), int(numbers[4]))
+        turns = int(numbers[4])
+        if self._rotation and across != 2:
+            # rotated about Z it lies in one of the three planes after quarters of a turn only
+            quarters = round(self._rotation / 90.0)
+            if self._rotation != 90.0 * quarters:
+                return self._tilted(command.line, end, center, turns)
+            c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters % 4]
+            if s:
+                first, second, across = PLANES[190] if across == 1 else PLANES[180]
+            # the normal, seen from which the arc turns, may have become that of the other side
+            turns *= c + s if self._plane[2] == 0 else c - s
+        arc = Arc(command.line, start, end, (first, second, across), (center[first], center[second]), turns)
         self._check(start, end)
         if self._travel is not None:
             self._check_extremes(arc)
         self._here = end
         return arc
+
+    def _tilted(self, line: Line, end: Point, center: Point, turns: int) -> list[Move]:
+        """Return an arc whose plane lies along none of the axes as Bezier curves within `TILTED`.
+
+            r(θ) = center + u cos θ + v sin θ + (θ/φ) drift      drift: along the normal, of other axes, of the radius
+
+        A cubic Hermite curve over the angle Δ is within |r''''| Δ⁴/384 = R Δ⁴/384 of it; the drift is exact.
+        """
+        start = self._here
+        first, second, across = (_unit(axis, self._rotation) for axis in self._plane)
+        center = tuple(s if axis > 2 else c for axis, (s, c) in enumerate(zip(start, center, strict=True)))
+        # the start lies at the level of the center, and the end anywhere along the normal
+        level = sum(n * (s - c) for n, s, c in zip(across, start, center, strict=False))
+        center = tuple(c + level * n for c, n in zip(center, across, strict=True))
+        sides = [
+            tuple(sum(e * (p - c) for e, p, c in zip(unit, point, center, strict=False)) for unit in (first, second))
+            for point in (start, end)
+        ]
+        (x, y), (far, high) = sides
+        angle = sweep((x, y), (far, high), (0.0, 0.0), turns)
+        u = [x * a + y * b for a, b in zip(first, second, strict=True)]
+        v = [x * b - y * a for a, b in zip(first, second, strict=True)]
+        c, s = math.cos(angle), math.sin(angle)
+        drift = [e - m - c * a - s * b for e, m, a, b in zip(end, center, u, v, strict=True)]
+        count = max(1, math.ceil(abs(angle) * (math.hypot(x, y) / (384.0 * TILTED)) ** 0.25))
+
+        def state(k: int) -> tuple[list[float], list[float]]:
+            c, s = math.cos(angle * k / count), math.sin(angle * k / count)
+            at = [m + c * a + s * b + k / count * d for m, a, b, d in zip(center, u, v, drift, strict=True)]
+            third = angle / (3.0 * count)
+            return at, [third * (c * b - s * a) + d / (3.0 * count) for a, b, d in zip(u, v, drift, strict=True)]
+
+        curves: list[Move] = []
+        at, slope = state(0)
+        for k in range(1, count + 1):
+            to, behind = state(k)
+            if k == count:
+                to = list(end)
+            points = [[p + t for p, t in zip(at, slope, strict=True)], [p - t for p, t in zip(to, behind, strict=True)]]
+            curves.append(self._through(line, [tuple(point) for point in (*points, to)]))
+            at, slope = to, behind
+        return curves
 
     def _check_extremes(self, arc: Arc) -> None:
         """Check that an arc's extreme points on both axes of its plane lie within the travel."""

@@ -554,7 +554,7 @@ class Switches:
             raise BlockError(f"{name} acts in the planes XY and ZX: write G17 or G18 before", name)
         diameter = self._diameter(block, code, name)
         left = (code in (410, 411)) == (diameter >= 0)
-        self._emit("COMMENT", f"interpreter: cutter radius compensation on {'left' if code < 420 else 'right'}")
+        self._emit("COMMENT", f"interpreter: cutter radius compensation on {'left' if left else 'right'}")
         # of a tool without a radius the center goes along the contour
         if diameter:
             state.compensation = Compensation(
