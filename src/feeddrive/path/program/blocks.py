@@ -569,9 +569,8 @@ G_CODES: dict[int, Code] = {
     ),
     **_codes(Step.MOTION, {74: "tap left-hand, dwell", 84: "tap right-hand, dwell", 85: "bore, feed out"}),
     **_codes(Step.MOTION, {86: "bore, stop, traverse out", 89: "bore, dwell, feed out"}),
-    **_codes(
-        Step.MOTION, {33.1: "rigid tapping", 38.2: "probe", 38.3: "probe", 38.4: "probe", 38.5: "probe"}, native=False
-    ),
+    **_codes(Step.MOTION, {33.1: "rigid tapping"}, native=False),
+    **_codes(Step.MOTION, {38.2: "probe", 38.3: "probe", 38.4: "probe away", 38.5: "probe away"}),
     **_codes(Step.MOTION, {5.2: "NURBS with L, P", 5.3: "end of G5.2", 6.2: "NURBS with P, K, R"}),
     **_codes(Step.MOTION, {76: "thread", 87: "back bore", 88: "bore, manual out"}, native=False),
     **_codes(Step.DISTANCE, {7: "lathe diameter", 8: "lathe radius"}, "lathe", native=False),
@@ -583,7 +582,7 @@ G_CODES: dict[int, Code] = {
 M_CODES: dict[int, Code] = {
     **_codes(Step.OUTPUT, {62: "output on", 63: "output off", 64: "output on", 65: "output off"}),
     **_codes(Step.OUTPUT, {67: "analog output", 68: "analog output"}),
-    **_codes(Step.OUTPUT, {66: "wait for an input"}, native=False),
+    **_codes(Step.OUTPUT, {66: "wait for an input"}),
     **_codes(Step.TOOL_CHANGE, {6: "change tool", 61: "set tool number"}),
     **_codes(Step.SPINDLE, {3: "spindle clockwise", 4: "spindle counterclockwise", 5: "spindle stop"}),
     **_codes(Step.SPINDLE, {19: "orient the spindle"}, native=False),
@@ -601,11 +600,6 @@ M_CODES: dict[int, Code] = {
 REFUSED: dict[str, str] = {
     "G33.1": "rigid tapping follows the real spindle: take it out of what is planned",
     **dict.fromkeys(("M98", "M99"), "subprograms are o-words here: o100 sub .. o100 endsub, and o100 call"),
-    "M66": "what an input reads is not known before: take it out of what is planned",
-    **dict.fromkeys(
-        ("G38.2", "G38.3", "G38.4", "G38.5"),
-        "where a probe touches is not known before: take it out of what is planned",
-    ),
 }
 """The codes that neither front end supports, with the reason."""
 

@@ -35,6 +35,8 @@ _SILENT = {
     "ON_RESET",
     "SET_FEED_REFERENCE",
     "START_CHANGE",
+    "TURN_PROBE_ON",
+    "TURN_PROBE_OFF",
     "SET_TOOL_TABLE_ENTRY",
     "SET_SPINDLE_MODE",
 }
@@ -116,9 +118,12 @@ class Frame:
             "CHANGE_TOOL": lambda c: moves.ToolChange(c.line, self._selected),
             "CHANGE_TOOL_NUMBER": lambda c: moves.ToolChange(c.line, int(float(c.values[0]))),
             "MESSAGE": lambda c: moves.Message(c.line, str(c.values[0])),
+            "IGNORED": lambda c: moves.Ignored(c.line, str(c.values[0])),
             "PRINT": lambda c: moves.Message(c.line, str(c.values[0])),
             "PROGRAM_STOP": lambda c: moves.Stop(c.line, False),
             "OPTIONAL_PROGRAM_STOP": lambda c: moves.Stop(c.line, True),
+            "STRAIGHT_PROBE": self._probe,
+            "WAIT": lambda c: moves.Wait(c.line, False),
             "PROGRAM_END": lambda c: moves.End(c.line),
             "FINISH": lambda c: moves.End(c.line),
         }
@@ -199,6 +204,10 @@ class Frame:
 
     def _traverse_to(self, command: Command) -> Move | None:
         return self._straight(command, True)
+
+    def _probe(self, command: Command) -> list[Move]:
+        move, stop = self._straight(command, False), moves.Probe(command.line, False)
+        return [stop, *([] if move is None else [move]), stop]
 
     def _straight(self, command: Command, traverse: bool) -> Move | None:
         start, end = self._here, self._machine(cast("Point", command.values))

@@ -16,6 +16,7 @@ from feeddrive.language.quantity import Quantity, number
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import Block, BlockError, Line, LineReader, Parameters, Place, Step, Values
 from feeddrive.path.program.compensation import Compensation
+from feeddrive.path.program.dialects import DIALECTS, DialectName, Rewritten
 from feeddrive.path.program.motion import CURVE, MOVING, PLANES, Motion, emit_path_mode
 from feeddrive.path.program.moves import Command, Value
 from feeddrive.path.program.state import (
@@ -271,12 +272,13 @@ class Flow:
                 reader.go(start)
                 return
 
-    def _endsub(self, label: str, arguments: list[float]) -> None:
-        self._return(label, arguments)
-
     def _return(self, label: str, arguments: list[float]) -> None:
+        # as in LinuxCNC its number may be any: that of the condition around it, say
+        self._endsub(label, arguments, True)
+
+    def _endsub(self, label: str, arguments: list[float], anywhere: bool = False) -> None:
         frame = self._frames[-1]
-        if frame.label != label or len(self._frames) == 1:
+        if (frame.label != label and not anywhere) or len(self._frames) == 1:
             running = f"o{frame.label} runs" if len(self._frames) > 1 else "none runs"
             raise BlockError(f"this ends the subroutine o{label}, but {running}: o{label} sub stands where?", "o", 0)
         self._value, self._returned = (arguments[0], 1.0) if arguments else (0.0, 0.0)
@@ -514,12 +516,29 @@ class Switches:
 
     def _output(self, code: int, block: Block) -> None:
         name = blocks.name_of("m", code)
+        if code == 660:
+            self._wait(block, name)
+            return
         if code in _OUTPUTS:
             self._emit(_OUTPUTS[code], block.whole("p", name, 0, 63))
             return
         number, value = block.whole("e", name, 0, 63), block.take("q", name)
         assert value is not None
         self._emit("SET_MOTION_OUTPUT_VALUE" if code == 670 else "SET_AUX_OUTPUT_VALUE", number, value)
+
+    def _wait(self, block: Block, name: str) -> None:
+        """Execute M66: wait for a digital input P or read an analog input E; L the way, Q the longest time."""
+        digital, analog = block.take("p"), block.take("e")
+        if (digital is None) == (analog is None):
+            raise BlockError("M66 has either P or E, the number of an input: write one of them", name)
+        block.whole("l", name, 0, 4, 0)
+        block.take("q")
+
+        def unknown() -> float:
+            raise BlockError("what an input reads (#5399, after M66) is not known before: take it out of the program", "#")
+
+        self._state.parameters.live[READ_INPUT] = unknown
+        self._emit("WAIT")
 
     def _change_tool(self, code: int, block: Block) -> None:
         state, emit = self._state, self._emit
@@ -664,7 +683,7 @@ class Switches:
             self._emit("SET_NAIVECAM_TOLERANCE", state.naive_tolerance)
 
     def _distance(self, code: int, block: Block) -> None:
-        incremental = code == 910
+        incremental = self._state.extruder_incremental = code == 910
         if incremental != self._state.incremental:
             self._state.incremental = incremental
             self._emit(
@@ -684,6 +703,8 @@ class Switches:
         self._emit("COMMENT", f"interpreter: retract mode set to {'r_plane' if code == 990 else 'old_z'}")
 
 
+READ_INPUT = 5399
+"""The parameter that holds what M66 read."""
 _ENDING = (20, 300)
 _EXCLUDED = {
     *(Step.PLANE, Step.UNITS, Step.CUTTER, Step.TOOL_LENGTH, Step.SYSTEM, Step.PATH_MODE, Step.OFFSET, Step.MOTION),
@@ -703,6 +724,7 @@ class Interpreter:
     tables_inch  tool table and parameters are in inches instead of mm
     skip_deleted True to skip lines that begin with /
     most_again   largest number of lines that loops and calls may repeat
+    dialect      language of the program, a name in `DIALECTS`
     """
 
     def __init__(
@@ -713,7 +735,9 @@ class Interpreter:
         tables_inch: bool = False,
         skip_deleted: bool = False,
         most_again: int = MOST_AGAIN,
+        dialect: DialectName = "linuxcnc",
     ) -> None:
+        self._dialect, self._rewrite = dialect, DIALECTS[dialect]
         self._parameters = Parameters(numbered)
         self._state = State(self._parameters, tables_inch)
         self._tools = None if tools is None else dict(tools)
@@ -739,6 +763,8 @@ class Interpreter:
                     self._finish()
                     break
                 self._line = line
+                if self._rewrite:
+                    line = self._translated(line, self._rewrite)
                 # one % begins a program, a second one ends it
                 if "%" in line.text and line.text.strip() == "%":
                     if begun:
@@ -760,6 +786,34 @@ class Interpreter:
             yield from self._taken()
         finally:
             self._flow.close()
+
+    def _translated(self, line: Line, rewrite: Callable[[str], Rewritten]) -> Line:
+        """Return a line of a dialect as RS-274/NGC, and execute what RS-274 has no words for."""
+        try:
+            meaning = rewrite(line.text)
+        except BlockError as fault:
+            raise blocks.located(line, fault) from None
+        if meaning.ignored:
+            self._emit("IGNORED", meaning.ignored)
+        if meaning.extruder is not None:
+            self._state.extruder_incremental = meaning.extruder
+        if meaning.home:
+            self._home(meaning.home)
+        return line._replace(text=meaning.text)
+
+    def _home(self, letters: str) -> None:
+        """Go to the machine's zero with some axes, whose offset of G92 a printer forgets."""
+        state = self._state
+        axes = [blocks.AXES.index(letter.lower()) for letter in letters]
+        self._flow.moved()
+        if self._dialect == "marlin" and any(state.axis_offset[axis] for axis in axes):
+            state.keep_machine(axis_offset=[0.0 if k in axes else x for k, x in enumerate(state.axis_offset)])
+            self._emit("SET_G92_OFFSET", *state.axis_offset)
+        machine = state.machine(state.position)
+        for axis in axes:
+            machine[axis] = 0.0
+        state.position = state.program(machine)
+        self._emit("STRAIGHT_TRAVERSE", *state.position)
 
     def _taken(self) -> list[Command]:
         out = self._out

@@ -11,7 +11,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import AXES, Block, BlockError, name_of
 from feeddrive.path.program.moves import MOST_TURNS, center_of_radius, check_radii, sweep
 from feeddrive.path.program.nurbs import HIGHEST_ORDER, Nurbs
-from feeddrive.path.program.state import INCH, Emit, State
+from feeddrive.path.program.state import EXTRUDER, INCH, TOUCHED, Emit, State
 
 PLANES = {170: (0, 1, 2), 180: (2, 0, 1), 190: (1, 2, 0)}
 """The first and second axis of each plane and the axis normal to it, right-handed, by ten times the G code."""
@@ -216,6 +216,8 @@ LEAST_FEED = 0.1
 """The least feed of a move in inverse time mode, in program units per minute."""
 CURVE = (52, 53, 62)
 """The codes of a NURBS."""
+PROBES = (382, 383, 384, 385)
+"""The codes of a probing move."""
 MOVING = frozenset(AXES + "@^")
 """The words that specify the target of a move."""
 
@@ -243,7 +245,8 @@ class Motion:
             axis = AXIS_OF.get(letter)
             if axis is not None:
                 value = words.pop(letter)
-                target[axis] = target[axis] + value if incremental else value
+                added = state.extruder_incremental if axis == EXTRUDER else incremental
+                target[axis] = target[axis] + value if added else value
                 moved.append(axis)
         return target, moved
 
@@ -295,6 +298,8 @@ class Motion:
             self._nurbs(block, code)
         elif code == 330:
             self._synchronized(block)
+        elif code in PROBES:
+            self._probe(block, code)
         else:
             same = state.motion == code
             # the word of the normal axis is a depth, read by `drill`, and no position
@@ -520,6 +525,25 @@ class Motion:
             if (piece != piece[0]).any():
                 points = [float(value) for point in piece[1:] for value in point]
                 self._emit("STRAIGHT_FEED" if len(piece) == 2 else "BEZIER_FEED", *points)
+
+    def _probe(self, block: Block, code: int) -> None:
+        """Emit G38.2 to G38.5 as if the probe touched at the end of the move, where #5061 to #5069 then are."""
+        state, name = self._state, name_of("g", code)
+        target, moved = self.target(block)
+        if not moved or target == state.position:
+            raise BlockError(f"{name} moves towards the work: write the word of an axis, beyond the present position", name)
+        if state.feed_mode == 930 or state.feed <= 0:
+            raise BlockError(f"{name} needs a feed above 0 in G94 or G95: write F in this block or before", name)
+        self._moved()
+        self._tangent = None
+        # not modal: the next block needs a code of its own, as in LinuxCNC
+        state.motion = 800
+        state.position, state.leaving = target, None
+        state.parameters.numbered.update({TOUCHED + axis: value for axis, value in enumerate(target)})
+        state.parameters.numbered[TOUCHED + 9] = 1.0
+        self._emit("TURN_PROBE_ON")
+        self._emit("STRAIGHT_PROBE", *target)
+        self._emit("TURN_PROBE_OFF")
 
     def _synchronized(self, block: Block) -> None:
         """Emit G33: a feed that advances K per spindle revolution."""

@@ -94,6 +94,10 @@ INCH = 25.4
 # the numbers of parameters in a .var file are fixed by LinuxCNC
 SYSTEM, G92_ON, G92, HOME_1, HOME_2 = 5220, 5210, 5211, 5161, 5181
 SYSTEMS = 9
+EXTRUDER = 6
+"""The index of the axis U, which stands for E of a 3D printer."""
+TOUCHED = 5061
+"""The first parameter of the point where a probe touched; the tenth is 1 if it did."""
 
 Emit = Callable[..., None]
 """The function that writes a canonical command, called with its name and then its values."""
@@ -117,6 +121,7 @@ class State:
     cycle     sticky words of a series of canned cycles
     level     initial level of these cycles: axis and coordinate
     compensation  the radius compensation, if it is on; `position` is then that of the programmed contour
+    extruder_incremental  `incremental` for the axis U, which G90 and G91 set too, and M82 and M83 of a printer alone
     nurbs         the curve of G5.2 or G6.2 whose control points are being read
     leaving       the position of the tool's center between G40 and the next move; otherwise None
     """
@@ -138,6 +143,7 @@ class State:
         self.feed_override = True
         self.speed_override = True
         self.incremental = False
+        self.extruder_incremental = False
         self.arc_absolute = False
         self.retract_to_r = True
         self.path_mode = "CANON_CONTINUOUS"
@@ -268,6 +274,8 @@ class State:
             "_tool_offset": lambda: float(any(self.tool_offset)),
             "_current_tool": lambda: float(self.tool),
             "_selected_tool": lambda: float(self.selected),
+            # 0 is a preview; what is planned is what the machine does
+            "_task": lambda: 1.0,
         }
 
 
