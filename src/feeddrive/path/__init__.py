@@ -12,5 +12,9 @@ make_lazy(
         ),
         "program.reading": "read_commands read_program",
         "program.state": "Tool read_tools",
+        "limits": "AxisLimits MachineLimits",
+        "planned": "Planned planned_of",
+        "setpoints": "Setpoints",
+        "polygon": "waypoints",
     },
 )

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from time import monotonic
 
@@ -18,7 +19,7 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile, planned_limits, read_machine
 from feeddrive.files.part_program import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
 from feeddrive.files.toml_file import quoted
-from feeddrive.language.errors import NoSlopeError, ParameterError
+from feeddrive.language.errors import NoSlopeError, ParameterError, shown
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
@@ -54,6 +55,10 @@ class PlanRequest(Request):
     tables_inch: bool = option("tools and offsets are in inches", default=False)
     skip_deleted: bool = option("leave out lines that begin with /", default=False)
     front_end: str = option("reader of the program", default="auto", options=("auto", "own", "rs274"))
+    parameters: str | None = option(
+        "values of named parameters that the program does not set: _hal[plasmac.cut-feed-rate]=40, _depth=3",
+        default=None,
+    )
     dialect: str = option(
         "language of the program; marlin is that of 3D printers, whose E is the axis U",
         default="linuxcnc",
@@ -134,7 +139,7 @@ JOB = "job.toml"  # the machine along the program that was planned
 def _job(request: PlanRequest, machine: MachineFile | None, planned: Planned) -> str:
     """Return the text of the job that runs the program on the machine; empty if no job can reproduce this plan."""
     # a job has the tolerance, the feed and the sample time of program and machine
-    changed = (request.tolerance, request.override, request.sample_time) != (None, None, None)
+    changed = (request.tolerance, request.override, request.sample_time, request.parameters) != (None,) * 4
     if machine is None or planned.proof.count or changed or request.front_end != "auto":
         return ""
     axis = next((name for name in machine.loops if name.upper() in planned.limits.letters), None)
@@ -195,6 +200,7 @@ def _moves(
         tables_inch=request.tables_inch,
         skip_deleted=request.skip_deleted,
         front_end=front_end,
+        parameters=None if request.parameters is None else _named_values(request.parameters),
         dialect=dialect,
     )
     of = _lines_of(request.program)
@@ -217,6 +223,19 @@ def _moves(
             if request.watch and now - watched >= _WATCHED:
                 watched = now
                 progress.remark(f"line {farthest:,} of {of:,}, {count:,} moves")
+
+
+def _named_values(text: str) -> dict[str, float]:
+    """Return the values of `--parameters`, by name; raise ParameterError for an entry that is no name and number."""
+    values: dict[str, float] = {}
+    for entry in text.split(","):
+        name, equals, number = entry.rpartition("=")
+        with contextlib.suppress(ValueError):
+            if name.strip() and equals and isfinite(float(number)):
+                values[name.strip()] = float(number)
+                continue
+        raise ParameterError(f"--parameters: {shown(entry.strip())} is no name with a number: write _depth=3, _feed=40")
+    return values
 
 
 def _with_tolerance(moves: Iterable[Move], tolerance: float) -> Iterator[Move]:

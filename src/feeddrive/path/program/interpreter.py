@@ -8,7 +8,7 @@ position of its subroutine.
 """
 
 import re
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -725,6 +725,7 @@ class Interpreter:
     skip_deleted True to skip lines that begin with /
     most_again   largest number of lines that loops and calls may repeat
     dialect      language of the program, a name in `DIALECTS`
+    parameters   values of named parameters
     """
 
     def __init__(
@@ -736,6 +737,8 @@ class Interpreter:
         skip_deleted: bool = False,
         most_again: int = MOST_AGAIN,
         dialect: DialectName = "linuxcnc",
+        *,
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
         self._dialect, self._rewrite = dialect, DIALECTS[dialect]
         self._parameters = Parameters(numbered)
@@ -749,6 +752,9 @@ class Interpreter:
         self._motion = Motion(self._state, self._emit, self._flow.moved)
         self._state.publish()
         self._parameters.live["_line"] = lambda: float(self._line.number)
+        for name, value in (parameters or {}).items():
+            # as names are compared: without case and white space
+            self._parameters.set("".join(name.split()).lower().strip("#<>"), value)
 
     def commands(self) -> Generator[Command]:
         """Yield the canonical commands in program order."""

@@ -530,7 +530,8 @@ class Motion:
         """Emit G38.2 to G38.5 as if the probe touched at the end of the move, where #5061 to #5069 then are."""
         state, name = self._state, name_of("g", code)
         target, moved = self.target(block)
-        if not moved or target == state.position:
+        # away from the work it may touch no more where it stands
+        if not moved or (target == state.position and code < 384):
             raise BlockError(f"{name} moves towards the work: write the word of an axis, beyond the present position", name)
         if state.feed_mode == 930 or state.feed <= 0:
             raise BlockError(f"{name} needs a feed above 0 in G94 or G95: write F in this block or before", name)

@@ -304,16 +304,19 @@ def choose_system(state: State, emit: Emit, system: int) -> None:
 
 def write_offsets(state: State, block: Block, emit: Emit, tools: dict[int, Tool]) -> None:
     """Execute G10: L2 and L20 write a work offset, L1 and L10 an offset of the tool table."""
-    kind = block.whole("l", "G10", 1, 20)
+    kind = block.whole("l", "G10", 0, 20)
     coordinates = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}
     if kind in (2, 20):
         system = block.whole("p", f"G10 L{kind}", 0, SYSTEMS) or state.system
         _write_system(state, emit, system, coordinates, block.take("r"), here=kind == 20)
+    elif kind == 0:
+        # LinuxCNC reads its table again; here it has not changed
+        return
     elif kind in (1, 10):
         number = block.whole("p", f"G10 L{kind}", 1, 99999)
         _write_tool(state, block, emit, tools, number, coordinates, here=kind == 10)
     else:
-        raise BlockError(f"G10 has L1, L2, L10 and L20, not L{kind}", "L")
+        raise BlockError(f"G10 has L0, L1, L2, L10 and L20, not L{kind}", "L")
 
 
 def _write_system(
