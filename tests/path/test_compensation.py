@@ -192,3 +192,10 @@ def test_what_a_tool_cannot_follow_is_refused_at_its_line(text: str, line: int, 
 def test_codes_that_go_with_compensation(code: str, tmp_path: Path):
     (tmp_path / "tools.tbl").write_text("T1 P1 D2\n")
     assert moves(tmp_path, ON + code + "\nX20\nG40\nM2\n", tools=tmp_path / "tools.tbl")
+
+
+@pytest.mark.parametrize(("angle", "corners"), [(0.03, 0), (0.08, 1)])
+def test_a_corner_below_a_twentieth_of_a_radian_has_no_arc(angle: float, corners: int, tmp_path: Path):
+    x, y = 10 + 10 * math.cos(angle), -10 * math.sin(angle)
+    found = moves(tmp_path, f"F100\nG0 X-5\nG41.1 D2\nG1 X0\nX10\nX{x:.6f} Y{y:.6f}\nG40\nM2\n")
+    assert sum(isinstance(move, Arc) for move in found) == corners

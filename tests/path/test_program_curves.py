@@ -11,9 +11,10 @@ import pytest
 from scipy.interpolate import BSpline
 
 from feeddrive.language.errors import ProgramError
+from feeddrive.path.program.blocks import BlockError
 from feeddrive.path.program.frame import TILTED
 from feeddrive.path.program.moves import Arc, Spline, Straight
-from feeddrive.path.program.nurbs import TOLERANCE
+from feeddrive.path.program.nurbs import TOLERANCE, Nurbs
 from feeddrive.path.program.reading import read_program
 from fresh_draws import Seeded
 
@@ -172,3 +173,50 @@ def test_arcs_in_rotated_planes(
     normal = back[:, 3 - sum(plane)]
     rise = normal[0] + (normal[-1] - normal[0]) * (angle - angle[0]) / (angle[-1] - angle[0])
     assert inch * np.max(np.abs(normal - rise)) < 2e-7, "m: the curves run uniformly but for their tolerance"
+
+
+@pytest.mark.parametrize(("radius", "count"), [(1.0, 32), (5.0, 32), (8.0, 64), (100.0, 128)])
+def test_a_circle_is_cut_until_its_cubics_are_within_a_tenth_of_a_micrometer(radius: float, count: int, tmp_path: Path):
+    """The bound falls with the fourth power of the length: 16 R at the same number of curves, 5 and 8 mm are beside it."""
+    found = [move for move in curves(tmp_path, circle(radius)) if isinstance(move, Spline)]
+    assert len(found) == count
+
+
+def test_a_tilted_arc_has_as_many_curves_as_its_tolerance_asks_for(tmp_path: Path):
+    """Δ⁴ = 384 · 0.1 µm / R: 270° of 25.4 mm are 23.9 arcs of it, so 24; of half the tolerance 29, of twice 21."""
+    found = curves(tmp_path, "G20 G10 L2 P0 R60\nF100\nG19\nG2 Y1 Z1 K1 J0\nM2\n")
+    angle = (384e-7 / 0.0254) ** 0.25
+    assert [type(move) for move in found] == [Spline] * len(found)
+    assert len(found) == math.ceil(math.radians(270) / angle) == 24
+
+
+@pytest.mark.parametrize(("order", "refused"), [(11, False), (8, False), (12, True)])
+def test_curves_have_the_order_11_at_most(order: int, refused: bool, tmp_path: Path):
+    text = "F9\nG5.2 P1 L{}\n" + "".join(f"X{k} Y{k % 3}\n" for k in range(1, 13)) + "G5.3\n"
+    if refused:
+        with pytest.raises(ProgramError, match="L of G5.2 is a whole number from 2 to 11"):
+            curves(tmp_path, text.format(order))
+    else:
+        assert curves(tmp_path, text.format(order))
+
+
+@pytest.mark.parametrize(("count", "refused"), [(15_000, False), (30_000, True)])
+def test_curves_have_20000_points_at_most(count: int, refused: bool):
+    nurbs = Nurbs("G5.2", 3)
+    if refused:
+        with pytest.raises(BlockError, match="at most 20000 control points"):
+            for k in range(count):
+                nurbs.add([float(k)] * 9, 1.0)
+    else:
+        for k in range(count):
+            nurbs.add([float(k)] * 9, 1.0)
+
+
+@pytest.mark.parametrize(("away", "refused"), [(0.0008, False), (0.0015, True)])
+def test_the_first_point_may_be_a_micrometer_off(away: float, refused: bool, tmp_path: Path):
+    text = f"F9\nG6.2 P2 K0 X{away}\nK0 X5\nK1\nK1\n"
+    if refused:
+        with pytest.raises(ProgramError, match="first control point of G6.2 is the position before it"):
+            curves(tmp_path, text)
+    else:
+        assert curves(tmp_path, text)[-1].end[0] == pytest.approx(0.005)

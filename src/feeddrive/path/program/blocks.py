@@ -616,10 +616,10 @@ LARGEST = 1e9
 """The largest magnitude of a word, in the unit of the word."""
 RS274 = "the own reader has no {}: LinuxCNC's interpreter rs274 reads it, which comes with the package linuxcnc-uspace"
 
-_PLAIN = re.compile(r"(?:[a-mp-z@^][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))+")
-_WORDS = re.compile(r"([a-mp-z@^])([+-]?[0-9.]+)")
+_PLAIN = re.compile(r"(?:[a-mp-z@^$][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))+")
+_WORDS = re.compile(r"([a-mp-z@^$])([+-]?[0-9.]+)")
 _NUMBERED = re.compile(r"n([0-9]+(?:\.[0-9]+)?)")
-_LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^")
+_LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^$")
 
 
 class Block:

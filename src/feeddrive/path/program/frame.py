@@ -371,6 +371,12 @@ class Frame:
         )
 
     def _spindle(self, command: Command) -> Move:
+        number = int(float(command.values[0]))
+        if number > 0:
+            # another spindle than that of the feed per turn
+            on = {"START_SPINDLE_CLOCKWISE": 1.0, "START_SPINDLE_COUNTERCLOCKWISE": -1.0}.get(command.name, 0.0)
+            what = "speed of spindle" if command.name == "SET_SPINDLE_SPEED" else "spindle"
+            return moves.Switch(command.line, f"{what} {number}", float(command.values[-1]) if "speed" in what else on)
         if command.name == "SET_SPINDLE_SPEED":
             self._speed = float(command.values[-1])
         else:

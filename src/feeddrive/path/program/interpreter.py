@@ -23,6 +23,7 @@ from feeddrive.path.program.state import (
     BY_CODE,
     G92,
     G92_ON,
+    READ_INPUT,
     SYSTEM,
     SYSTEMS,
     Emit,
@@ -430,6 +431,7 @@ class Switches:
         self._state, self._emit, self._tools = state, emit, tools
         self._line, self._write = line, write
         self.ended = False
+        self.chosen = 0  # spindle of the block ($)
         self._acts: dict[Step, Callable[[int, Block], None]] = {
             Step.OUTPUT: self._output,
             Step.TOOL_CHANGE: self._change_tool,
@@ -466,8 +468,9 @@ class Switches:
         """Execute S: set the spindle speed in rpm."""
         if speed < 0:
             raise BlockError(f"a spindle speed is not negative: S{number(speed, 6)}; M4 turns counterclockwise", "S")
-        self._state.speed = speed
-        self._emit("SET_SPINDLE_SPEED", 0, speed)
+        if self.chosen <= 0:
+            self._state.speed = speed
+        self._emit("SET_SPINDLE_SPEED", self.chosen, speed)
 
     def select(self, tool: int) -> None:
         """Execute T: select the tool for the next change."""
@@ -556,9 +559,11 @@ class Switches:
         emit("CHANGE_TOOL", state.tool)
 
     def _spindle(self, code: int, block: Block) -> None:
-        self._state.spindle = {30: 1, 40: -1, 50: 0}[code]
+        # -1 stands for all spindles
+        if self.chosen <= 0:
+            self._state.spindle = {30: 1, 40: -1, 50: 0}[code]
         names = {30: "START_SPINDLE_CLOCKWISE", 40: "START_SPINDLE_COUNTERCLOCKWISE", 50: "STOP_SPINDLE_TURNING"}
-        self._emit(names[code], 0)
+        self._emit(names[code], self.chosen)
 
     def _rpm(self, code: int, block: Block) -> None:
         self._emit("SET_SPINDLE_MODE", 0, 0.0)
@@ -703,9 +708,6 @@ class Switches:
         self._emit("COMMENT", f"interpreter: retract mode set to {'r_plane' if code == 990 else 'old_z'}")
 
 
-READ_INPUT = 5399
-"""The parameter that holds what M66 read."""
-_ENDING = (20, 300)
 _EXCLUDED = {
     *(Step.PLANE, Step.UNITS, Step.CUTTER, Step.TOOL_LENGTH, Step.SYSTEM, Step.PATH_MODE, Step.OFFSET, Step.MOTION),
     *(Step.TOOL_CHANGE, Step.OUTPUT),
@@ -877,6 +879,7 @@ class Interpreter:
             self._flow.act(block.control)
             return
         words, codes = block.words, block.codes
+        self._switches.chosen = self._spindle_of(block) if "$" in words else 0
         motion = -1
         special = stop = -1
         if codes and self._state.compensation:
@@ -917,7 +920,7 @@ class Interpreter:
                 letter.upper(),
             )
         if stop >= 0:
-            if stop in _ENDING:
+            if stop in (20, 300):
                 self._switches.leave_contour()
             self._switches.stop(stop)
 
@@ -936,6 +939,12 @@ class Interpreter:
                     continue
                 name = blocks.name_of(letter, number)
                 raise BlockError(f"{name} does not go with radius compensation: write G40 in a line before it", name)
+
+    def _spindle_of(self, block: Block) -> int:
+        """Return the number of the spindle ($) that S, M3, M4 or M5 of a block mean: 0 the first, -1 all."""
+        if "s" not in block.words and all(step is not Step.SPINDLE for step, _, _ in block.codes):
+            raise BlockError("$ is the spindle of S, M3, M4 and M5, of which this block has none: take it out", "$")
+        return block.whole("$", "a spindle", -1, 7)
 
     def _unfinished(self) -> BlockError:
         nurbs = self._state.nurbs

@@ -214,9 +214,9 @@ AXIS_OF = {letter: axis for axis, letter in enumerate(AXES)}
 # as in LinuxCNC, for moves of little or no length
 LEAST_FEED = 0.1
 """The least feed of a move in inverse time mode, in program units per minute."""
-CURVE = (52, 53, 62)
+CURVE = frozenset({52, 53, 62})
 """The codes of a NURBS."""
-PROBES = (382, 383, 384, 385)
+PROBES = frozenset({382, 383, 384, 385})
 """The codes of a probing move."""
 MOVING = frozenset(AXES + "@^")
 """The words that specify the target of a move."""
@@ -530,8 +530,9 @@ class Motion:
         """Emit G38.2 to G38.5 as if the probe touched at the end of the move, where #5061 to #5069 then are."""
         state, name = self._state, name_of("g", code)
         target, moved = self.target(block)
-        # away from the work it may touch no more where it stands
-        if not moved or (target == state.position and code < 384):
+        # behind another probe the real machine would stand before its end, and may have a way to go
+        probed = state.parameters.numbered.get(TOUCHED + 9)
+        if not moved or (target == state.position and not probed):
             raise BlockError(f"{name} moves towards the work: write the word of an axis, beyond the present position", name)
         if state.feed_mode == 930 or state.feed <= 0:
             raise BlockError(f"{name} needs a feed above 0 in G94 or G95: write F in this block or before", name)

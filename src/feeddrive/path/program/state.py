@@ -93,11 +93,11 @@ LINEAR = (0, 1, 2, 6, 7, 8)
 INCH = 25.4
 # the numbers of parameters in a .var file are fixed by LinuxCNC
 SYSTEM, G92_ON, G92, HOME_1, HOME_2 = 5220, 5210, 5211, 5161, 5181
+# the point where a probe touched, behind which #5070 is 1 if it did; and what M66 read
+TOUCHED, READ_INPUT = 5061, 5399
 SYSTEMS = 9
-EXTRUDER = 6
-"""The index of the axis U, which stands for E of a 3D printer."""
-TOUCHED = 5061
-"""The first parameter of the point where a probe touched; the tenth is 1 if it did."""
+EXTRUDER = AXES.index("u")
+"""The axis that stands for E of a 3D printer."""
 
 Emit = Callable[..., None]
 """The function that writes a canonical command, called with its name and then its values."""
