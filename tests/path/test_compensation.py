@@ -1,4 +1,4 @@
-"""Radius compensation G41, G42: the commands of LinuxCNC's interpreter, closed forms, and what the tool cannot reach."""
+"""Radius compensation G41, G42: the commands of LinuxCNC's interpreter, closed forms, and what no tool reaches."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import shutil
 from pathlib import Path
 
 import pytest
+from test_against_rs274 import same
+from test_part_programs import GCODE, of_rs274, told
 
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.program.moves import Arc, Move, Straight, canonical_text
 from feeddrive.path.program.reading import read_commands, read_program
 from fresh_draws import Seeded
-from test_against_rs274 import same
-from test_part_programs import GCODE, of_rs274, told
 
 needs_rs274 = pytest.mark.skipif(not shutil.which("rs274"), reason="NOT RUN: rs274 of linuxcnc-uspace is not installed")
 PACKAGE = Path("/usr/share/linuxcnc/ncfiles")
@@ -149,7 +149,9 @@ def test_commands_wait_at_their_place_and_G40_leads_back(tmp_path: Path):
     found = moves(tmp_path, text)
     kinds = [type(move).__name__ for move in found]
     # the dwell before Z-1 belongs to the inner corner at X9, and the message to the center at X9 Y10
-    ends = [tuple(round(1000 * x, 9) + 0.0 for x in move.end[:3]) for move in found if isinstance(move, (Straight, Arc))]
+    ends = [
+        tuple(round(1000 * x, 9) + 0.0 for x in move.end[:3]) for move in found if isinstance(move, (Straight, Arc))
+    ]
     assert ends == [(0, -9, 0), (-1, 0, 0), (0, 1, 0), (9, 1, 0), (9, 1, -1), (9, 10, -1), (10, 10, 5)]
     assert kinds.index("Switch") < kinds.index("Arc")
     assert [move.text for move in found if hasattr(move, "text")] == ["9.000000 10.000000"]
@@ -178,7 +180,16 @@ ON = "F100 S9 M3\nG0 X0 Y-9\nG41.1 D2\nG1 Y0\nG1 X10\n"
         ),
         *(
             (ON + code + "\n", 6, f"{code.split()[0]} does not go with radius compensation: write G40")
-            for code in ["G81 Z-1 R1", "G5 X20 I1 J1 P1 Q1", "G41.1 D1", "M6", "G61", "G33 Z2 K1", "M62 P1", "M67 E0 Q1"]
+            for code in [
+                "G81 Z-1 R1",
+                "G5 X20 I1 J1 P1 Q1",
+                "G41.1 D1",
+                "M6",
+                "G61",
+                "G33 Z2 K1",
+                "M62 P1",
+                "M67 E0 Q1",
+            ]
         ),
     ],
 )

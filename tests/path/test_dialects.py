@@ -100,7 +100,7 @@ def test_a_print_moves_its_extruder_as_the_axis_U(tmp_path: Path):
 
 
 def test_a_print_is_planned_within_the_limits_of_its_extruder(tmp_path: Path):
-    """The extruder alone is slow here: a retraction of 5 mm at 2 mm/s takes 2.5 s, and the move along X waits for it."""
+    """The extruder alone is slow here: 5 mm at 2 mm/s take 2.5 s, and the move along X waits for them."""
     quick = fd.path.AxisLimits(velocity=0.5, acceleration=5.0, jerk=100.0, snap=5e4)
     slow = fd.path.AxisLimits(velocity=0.002, acceleration=5.0, jerk=100.0, snap=5e4)
     limits = fd.path.MachineLimits({"X": quick, "U": slow})
@@ -180,7 +180,7 @@ def test_probing_moves_are_those_of_rs274(tmp_path: Path):
 def test_an_input_is_waited_for_and_its_value_is_not_known(tmp_path: Path):
     found = moves(tmp_path, "F60\nG1 X1\nM66 P0 L3 Q5\nG1 X2\nM2\n")
     assert sum(isinstance(move, Wait) for move in found) == 1
-    with pytest.raises(ProgramError, match="line 2.*#5399, after M66.*not known before"):
+    with pytest.raises(ProgramError, match=r"line 2.*#5399, after M66.*not known before"):
         moves(tmp_path, "M66 E0\no1 if [#5399 GT 2]\no1 endif\n")
     with pytest.raises(ProgramError, match="either P or E"):
         moves(tmp_path, "M66 L0\n")

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from test_against_rs274 import same
 
 from feeddrive.language.errors import FileError, ParameterError, ProgramError
 from feeddrive.path.program.blocks import G_CODES, M_CODES, REFUSED, name_of
@@ -28,7 +29,6 @@ from feeddrive.path.program.moves import (
     read_command,
 )
 from feeddrive.path.program.reading import read_commands, read_program
-from test_against_rs274 import same
 
 GCODE = Path(__file__).parents[3] / "shared" / "data" / "gcode"
 LOGS = GCODE.parent / "linuxcnc_logs"

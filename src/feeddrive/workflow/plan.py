@@ -186,9 +186,7 @@ def _into(writer: SetpointWriter) -> Take:
     return write
 
 
-def _moves(
-    request: PlanRequest, limits: MachineLimits, progress: Progress, left_out: Counter[str]
-) -> Generator[Move]:
+def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress, left_out: Counter[str]) -> Generator[Move]:
     """Yield the moves of the program, report the progress of reading, and count the codes that are left out."""
     front_end: FrontEnd = request.front_end  # type: ignore[assignment]
     dialect: DialectName = request.dialect  # type: ignore[assignment]

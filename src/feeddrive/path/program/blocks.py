@@ -572,7 +572,9 @@ G_CODES: dict[int, Code] = {
     **_codes(Step.MOTION, {33.1: "rigid tapping"}, native=False),
     **_codes(Step.MOTION, {38.2: "probe", 38.3: "probe", 38.4: "probe away", 38.5: "probe away"}),
     **_codes(Step.MOTION, {5.2: "NURBS with L, P", 5.3: "end of G5.2", 6.2: "NURBS with P, K, R"}),
-    **_codes(Step.MOTION, {70: "lathe cycle", 71: "lathe cycle", 71.1: "lathe cycle", 71.2: "lathe cycle"}, native=False),
+    **_codes(
+        Step.MOTION, {70: "lathe cycle", 71: "lathe cycle", 71.1: "lathe cycle", 71.2: "lathe cycle"}, native=False
+    ),
     **_codes(Step.MOTION, {72: "lathe cycle", 72.1: "lathe cycle", 72.2: "lathe cycle"}, native=False),
     **_codes(Step.MOTION, {76: "thread", 87: "back bore", 88: "bore, manual out"}, native=False),
     **_codes(Step.DISTANCE, {7: "lathe diameter", 8: "lathe radius"}, "lathe", native=False),

@@ -233,10 +233,8 @@ class Compensation:
         center = shifted.end[0] + reach * across[0], shifted.end[1] + reach * across[1]
         return Curve(self._place, shifted.end, center, programmed.turns)
 
-    def _corner(
-        self, command: Command, target: list[float], last: _Move, programmed: Curve, shifted: Curve
-    ) -> Curve:
-        """Write the waiting move with the corner behind it; return the shifted curve, which begins behind the corner."""
+    def _corner(self, command: Command, target: list[float], last: _Move, programmed: Curve, shifted: Curve) -> Curve:
+        """Write the waiting move and the corner behind it; return the shifted curve, which begins behind the corner."""
         corner = last.programmed.end
         (ax, ay), (bx, by) = last.programmed.tangent(corner), programmed.tangent(corner)
         turn = math.atan2(ax * by - ay * bx, ax * bx + ay * by)

@@ -103,8 +103,10 @@ def _marlin(text: str) -> Rewritten:
     return Rewritten(_EXTRUDED.sub("U", plain))
 
 
-_GRBL_G = ("0 1 2 3 4 10 17 18 19 20 21 28 28.1 30 30.1 38.2 38.3 38.4 38.5 40 43.1 49 53 54 55 56 57 58 59 61 80 90 91 "
-           "91.1 92 92.1 93 94")
+_GRBL_G = (
+    "0 1 2 3 4 10 17 18 19 20 21 28 28.1 30 30.1 38.2 38.3 38.4 38.5 40 43.1 49 53 54 55 56 57 58 59 61 80 90 91 "
+    "91.1 92 92.1 93 94"
+)
 _GRBL = {"G": frozenset(_GRBL_G.split()), "M": _numbers(0, 1, 2, 30, 3, 4, 5, 7, 8, 9)}
 _ANY_CODE = re.compile(r"([GM])\s*0*(\d+(?:\.\d+)?)", re.IGNORECASE)
 
@@ -125,7 +127,7 @@ def _grbl(text: str) -> Rewritten:
                 f"{match[1].upper()}{match[2]}",
                 column=match.start() + 1,
             )
-    if "#" in plain or "[" in plain or plain.lstrip()[:1] in "oO" and plain.strip():
+    if "#" in plain or "[" in plain or (plain.lstrip()[:1] in "oO" and plain.strip()):
         raise BlockError("the dialect grbl has no parameters, expressions and o-words: give --dialect linuxcnc", "")
     # a tool word is read by Grbl and does nothing
     return Rewritten(text)

@@ -538,7 +538,9 @@ class Switches:
         block.take("q")
 
         def unknown() -> float:
-            raise BlockError("what an input reads (#5399, after M66) is not known before: take it out of the program", "#")
+            raise BlockError(
+                "what an input reads (#5399, after M66) is not known before: take it out of the program", "#"
+            )
 
         self._state.parameters.live[READ_INPUT] = unknown
         self._emit("WAIT")
@@ -929,15 +931,15 @@ class Interpreter:
         state = self._state
         same = {(Step.PLANE, state.plane), (Step.UNITS, 200 if state.inch else 210), (Step.CUTTER, 400)}
         off = (Step.CUTTER, "g", 400) in codes
-        for step, letter, number in codes:
-            if step in _EXCLUDED and (step, number) not in same and (letter, number) not in _HARMLESS:
+        for step, letter, code in codes:
+            if step in _EXCLUDED and (step, code) not in same and (letter, code) not in _HARMLESS:
                 # L1 and L10 write the table, which acts at the next G41
-                if number == 100 and words.get("l") in (1, 10):
+                if code == 100 and words.get("l") in (1, 10):
                     continue
                 # G40 acts before the codes behind it in the order of execution
                 if off and step > Step.CUTTER:
                     continue
-                name = blocks.name_of(letter, number)
+                name = blocks.name_of(letter, code)
                 raise BlockError(f"{name} does not go with radius compensation: write G40 in a line before it", name)
 
     def _spindle_of(self, block: Block) -> int:

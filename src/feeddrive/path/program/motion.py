@@ -533,7 +533,9 @@ class Motion:
         # behind another probe the real machine would stand before its end, and may have a way to go
         probed = state.parameters.numbered.get(TOUCHED + 9)
         if not moved or (target == state.position and not probed):
-            raise BlockError(f"{name} moves towards the work: write the word of an axis, beyond the present position", name)
+            raise BlockError(
+                f"{name} moves towards the work: write the word of an axis, beyond the present position", name
+            )
         if state.feed_mode == 930 or state.feed <= 0:
             raise BlockError(f"{name} needs a feed above 0 in G94 or G95: write F in this block or before", name)
         self._moved()

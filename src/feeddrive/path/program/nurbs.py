@@ -9,6 +9,7 @@ N - w B is a polynomial of degree k + 2 for the numerator N and the denominator 
     |r - B| <= max |Bernstein points of N - w B| / min weight
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 
@@ -85,7 +86,7 @@ class Nurbs:
                 "write K in each of its blocks, and then blocks with K alone",
                 "K",
             )
-        if any(b < a for a, b in zip(knots, knots[1:], strict=False)):
+        if any(b < a for a, b in itertools.pairwise(knots)):
             raise BlockError("the knots of a curve never fall: correct K", "K")
         if knots[0] != knots[order - 1] or knots[-1] != knots[-order]:
             raise BlockError(
@@ -94,7 +95,11 @@ class Nurbs:
                 "K",
             )
         inner = knots[order:count]
-        if any(a == b for a, b in zip(inner, inner[order - 1 :], strict=False)) or knots[0] in inner or knots[-1] in inner:
+        if (
+            any(a == b for a, b in zip(inner, inner[order - 1 :], strict=False))
+            or knots[0] in inner
+            or knots[-1] in inner
+        ):
             raise BlockError(f"the curve breaks at a knot that stands there {order} times: write two curves", "K")
         return knots
 

@@ -360,7 +360,9 @@ def read_commands(
     path = Path(program)
     if dialect != "linuxcnc":
         if front_end == "rs274":
-            raise ParameterError(f"{PROGRAM} reads no programs in the dialect {dialect}: take the front end auto or own")
+            raise ParameterError(
+                f"{PROGRAM} reads no programs in the dialect {dialect}: take the front end auto or own"
+            )
         front_end = "own"
     if parameters:
         if front_end == "rs274":
