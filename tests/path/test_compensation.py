@@ -13,7 +13,7 @@ from test_against_rs274 import same
 from test_part_programs import GCODE, of_rs274, told
 
 from feeddrive.language.errors import ProgramError
-from feeddrive.path.program.moves import Arc, Move, Straight, canonical_text
+from feeddrive.path.program.moves import Arc, Message, Move, Straight, canonical_text
 from feeddrive.path.program.reading import read_commands, read_program
 from fresh_draws import Seeded
 
@@ -154,7 +154,7 @@ def test_commands_wait_at_their_place_and_G40_leads_back(tmp_path: Path):
     ]
     assert ends == [(0, -9, 0), (-1, 0, 0), (0, 1, 0), (9, 1, 0), (9, 1, -1), (9, 10, -1), (10, 10, 5)]
     assert kinds.index("Switch") < kinds.index("Arc")
-    assert [move.text for move in found if hasattr(move, "text")] == ["9.000000 10.000000"]
+    assert [move.text for move in found if isinstance(move, Message)] == ["9.000000 10.000000"]
 
 
 ON = "F100 S9 M3\nG0 X0 Y-9\nG41.1 D2\nG1 Y0\nG1 X10\n"

@@ -30,6 +30,7 @@ from feeddrive.path.program.moves import (
 )
 from feeddrive.path.program.reading import read_commands, read_program
 from feeddrive.path.setpoints import PAUSES
+from feeddrive.workflow.plan import PlanRequest, plan
 
 needs_rs274 = pytest.mark.skipif(not shutil.which("rs274"), reason="NOT RUN: rs274 of linuxcnc-uspace is not installed")
 
@@ -256,3 +257,23 @@ def test_waypoints_with_a_feed_for_each_move():
 def test_wrong_waypoints_are_refused(points: list[list[float]], feed: float, options: dict[str, str], reason: str):
     with pytest.raises(ParameterError, match=reason):
         fd.path.waypoints(points, feed, **options)  # type: ignore[arg-type]
+
+
+def test_a_plan_names_what_it_left_out_and_writes_a_job_in_its_dialect(tmp_path: Path):
+    program = tmp_path / "part.gcode"
+    program.write_text("M104 S200\nG28\nG1 X5 Y5 F3000\nM104 S0\nM107\n")
+    request = PlanRequest(program, machine="xy_table", dialect="marlin", out=tmp_path / "out")
+    outcome = plan.run(request)
+    assert "Left out, as they move nothing: 2 x M104, 1 x M107." in [str(remark) for remark in outcome.remarks]
+    assert 'dialect = "marlin"' in (tmp_path / "out" / "job.toml").read_text()
+    with pytest.raises(ProgramError, match="M104"):
+        plan.run(PlanRequest(program, machine="xy_table"))
+
+
+@pytest.mark.parametrize("text", ["_depth", "=3", "_depth=x", "_depth=nan", "_depth=1,,"])
+def test_parameters_of_a_plan_are_names_with_numbers(text: str, tmp_path: Path):
+    program = tmp_path / "part.ngc"
+    program.write_text("G1 X#<_depth> F3000\nM2\n")
+    with pytest.raises(ParameterError, match="--parameters: .* is no name with a number"):
+        plan.run(PlanRequest(program, machine="xy_table", parameters=text))
+    assert plan.run(PlanRequest(program, machine="xy_table", parameters="_depth=5, x=1")).result.cycle_time > 0.1

@@ -485,7 +485,7 @@ def test_a_program_streams(tmp_path: Path):
         ("G0 X#<free>", (1, 4), "has no value"),
         ("G0 X#0", (1, 4), "whole number from 1"),
         ("G123", (1, 1), "no such code"),
-        ("G38.2 Z-1 F1", (1, 1), "probe"),
+        ("G33.1 Z-1 K1", (1, 1), "rigid tapping"),
         ("G1 X1 F1\n M98 P100", (2, 2), "o100 call"),
         ("\N{ZERO WIDTH NO-BREAK SPACE}G0 X1.2.3", (1, 4), "one decimal point"),
         ("G0 X1 (never closed", (1, 7), "no closing parenthesis"),

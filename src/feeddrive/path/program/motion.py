@@ -453,10 +453,10 @@ class Motion:
             return
         name = name_of("g", code)
         nurbs = state.nurbs
-        begins = nurbs is None or nurbs.name != name
-        if begins:
-            if nurbs is not None:
-                raise BlockError(f"{name} stands in a curve of {nurbs.name}: end that one before", name)
+        if nurbs is not None and nurbs.name != name:
+            raise BlockError(f"{name} stands in a curve of {nurbs.name}: end that one before", name)
+        begins = nurbs is None
+        if nurbs is None:
             self._curve(name, code == 52)
             letter, usual = ("l", 3) if code == 52 else ("p", 4)
             nurbs = state.nurbs = Nurbs(name, block.whole(letter, name, 2, HIGHEST_ORDER, usual))
