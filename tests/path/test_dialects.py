@@ -274,6 +274,6 @@ def test_a_plan_names_what_it_left_out_and_writes_a_job_in_its_dialect(tmp_path:
 def test_parameters_of_a_plan_are_names_with_numbers(text: str, tmp_path: Path):
     program = tmp_path / "part.ngc"
     program.write_text("G1 X#<_depth> F3000\nM2\n")
-    with pytest.raises(ParameterError, match="--parameters: .* is no name with a number"):
+    with pytest.raises(ParameterError, match=r"--parameters: .* is no name with a number"):
         plan.run(PlanRequest(program, machine="xy_table", parameters=text))
     assert plan.run(PlanRequest(program, machine="xy_table", parameters="_depth=5, x=1")).result.cycle_time > 0.1

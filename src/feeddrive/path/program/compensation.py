@@ -181,7 +181,6 @@ class Compensation:
             shifted = self._lead_in(programmed, shifted)
         else:
             shifted = self._corner(command, target, self._waiting, programmed, shifted)
-        self._place = shifted.start
         self._waiting = _Move(command, list(target), programmed, shifted)
         self._target = list(target)
 
