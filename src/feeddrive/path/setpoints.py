@@ -222,6 +222,8 @@ PAUSES = {
     "ExactStop": "exact stop (G61.1)",
     "Dwell": "dwell (G4)",
     "Stop": "program stop (M0, M1, M60)",
+    "Probe": "probe (G38)",
+    "Wait": "wait for an input (M66)",
     "ToolChange": "tool change",
     "Spindle": "spindle",
     "Switch": "coolant, output or override",
