@@ -29,7 +29,7 @@ from feeddrive.learning.part_correction import (
     SHARE,
     Correction,
     PathFigures,
-    deviation,
+    PlannedPath,
     feeds_friction,
     friction_displacement,
     moving_axes,
@@ -136,7 +136,7 @@ def learn_from_log(
     mask = np.ones(n, bool) if counted is None else np.asarray(counted, bool)
     errors = {axis: _error(log, axis, machine.loop(axis), plan[axis], mask) for axis in axes}
     positions = {axis: plan[axis].position - error for axis, error in errors.items()}
-    figures, size = deviation(positions, plan, axes, mask)
+    figures, size = PlannedPath(plan, axes, mask).deviation(positions)
     past = (*history, figures.rms)
     if len(past) > 1 and past[-1] > BETTER * past[-2]:
         kept = last if past[-1] <= past[-2] else before
@@ -215,6 +215,7 @@ def iterate_parts(
     record = [f"{axis}.{signal}" for axis in axes for signal in signals]
     n = plan[axes[0]].position.size
     mask = np.ones(n, bool) if counted is None else np.asarray(counted, bool)
+    planned = PlannedPath(plan, axes, mask)
     last: Correction | None = None
     before: Correction | None = None
     history: tuple[float, ...] = ()
@@ -227,7 +228,7 @@ def iterate_parts(
         run = simulate(machine, plan, added_force=added, seed=seed + part, record=record, name=f"part {part + 1}")
         by = {signal: {axis: run[f"{axis}.{signal}"] for axis in axes} for signal in signals}
         log = PartLog(run.name, by["set_position"], by["reading_load"], run.sample_time, by["force"])
-        figures.append(deviation(by["position_load"], plan, axes, mask)[0])
+        figures.append(planned.deviation(by["position_load"])[0])
         learned = learn_from_log(machine, plan, log, last=last, before=before, history=history, counted=counted)
         remarks |= dict.fromkeys(learned.remarks)
         history = learned.history
