@@ -417,6 +417,7 @@ class Judge:
         none, T = np.zeros(n), float(self.plan[self.axes[0]].sample_time)
         added = {axis: RecordedForce(force=forces.get(axis, none), sample_time=T) for axis in self.axes}
         positions = {name: {axis: np.empty(n) for axis in self.axes} for name in names}
+        limits = {name: {axis: _limits(machine.loop(axis)) for axis in forces} for name, machine in machines.items()}
         squares = dict.fromkeys(((name, axis) for name in names for axis in forces), 0.0)
         for runs in stream_each(
             machines,
@@ -429,19 +430,21 @@ class Judge:
             progress=self._progress,
         ):
             for name, run in runs.items():
-                for axis, total in self._totals(run, machines[name], forces).items():
+                for axis, total in self._totals(run, limits[name], forces).items():
                     squares[name, axis] += float(np.sum(total**2))
                 for axis, row in positions[name].items():
                     row[run.first : run.first + run.samples] = run[f"{axis}.position_load"]
         for (name, axis), square in squares.items():
-            self._refuse_continuous(name, axis, float(np.sqrt(square / n)))
+            _refuse_continuous(name, axis, float(np.sqrt(square / n)), limits[name][axis].continuous)
         found: dict[str, PathFigures] = {}
         for name in names:
             found[name], error = self._path.deviation(positions[name])
             self.errors.setdefault(name, {})["plain" if correction is None else "corrected"] = error
         return found
 
-    def _totals(self, run: Run, machine: Machine, forces: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def _totals(
+        self, run: Run, limits: Mapping[str, _Limits], forces: Mapping[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
         """Return command and added force together, N, of the axes that have one, over a stretch of a run.
 
         Raises ParameterError for a trip of a guard, and for a total beyond a limit.
@@ -457,10 +460,8 @@ class Judge:
                 )
             if axis not in forces:
                 continue
-            loop = machine.loop(axis)
             total = totals[axis] = run[f"{axis}.force"] + forces[axis][run.first : run.first + run.samples]
-            peak, _ = _currents(loop)
-            for what, limit in (("force_limit", loop.control.force_limit), ("peak current", peak)):
+            for what, limit in (("force_limit", limits[axis].force), ("peak current", limits[axis].peak)):
                 over = np.flatnonzero(np.abs(total) > limit) if limit is not None else np.zeros(0)
                 if over.size and limit is not None:
                     k = int(over[0])
@@ -470,16 +471,6 @@ class Judge:
                         f"{Quantity(float(limit), 'N'):4}: plan with less acceleration there, or give a smaller --share"
                     )
         return totals
-
-    def _refuse_continuous(self, name: str, axis: str, rms: float) -> None:
-        """Raise ParameterError for command and correction, N RMS, beyond the continuous current of a motor."""
-        _, continuous = _currents(self.machines[name].loop(axis))
-        if continuous is not None and rms > float(continuous):
-            raise ParameterError(
-                f"axis {axis}, machine of the box '{name}': command and correction together are "
-                f"{Quantity(rms, 'N'):4} RMS, beyond the continuous current of "
-                f"{Quantity(float(continuous), 'N'):4}: lower the feed or the accelerations"
-            )
 
     def _place(self, run: Run, k: int) -> str:
         k += run.first
@@ -492,10 +483,27 @@ def _still(plan: Mapping[str, Recorded]) -> Recorded:
     return Recorded(position=np.zeros(path.position.size), sample_time=path.sample_time)
 
 
-def _currents(loop: Loop) -> tuple[Any, Any]:
-    """Return the peak and the continuous force of the motor, N; None where there is no limit."""
+class _Limits(NamedTuple):
+    """What an axis can do, N: limit of its control, peak and continuous force of its motor; None without a limit."""
+
+    force: Any
+    peak: Any
+    continuous: Any
+
+
+def _limits(loop: Loop) -> _Limits:
     motor = loop.axis.actuator.motor
-    return (None, None) if motor is None else motor.limits()
+    return _Limits(loop.control.force_limit, *((None, None) if motor is None else motor.limits()))
+
+
+def _refuse_continuous(name: str, axis: str, rms: float, continuous: Any) -> None:
+    """Raise ParameterError for command and correction, N RMS, beyond the continuous current of a motor."""
+    if continuous is not None and rms > float(continuous):
+        raise ParameterError(
+            f"axis {axis}, machine of the box '{name}': command and correction together are "
+            f"{Quantity(rms, 'N'):4} RMS, beyond the continuous current of {Quantity(float(continuous), 'N'):4}: "
+            "lower the feed or the accelerations"
+        )
 
 
 class PlannedPath:
