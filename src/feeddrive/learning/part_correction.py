@@ -18,20 +18,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from feeddrive.analysis.stability import require_stable
+from feeddrive.analysis.stability import require_stable, stability
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.families import Friction, Load, Reference
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.language import tree
 from feeddrive.language.block import Block
-from feeddrive.language.errors import FeeddriveError, NotPlannedError, ParameterError
+from feeddrive.language.errors import FeeddriveError, NoSlopeError, NotPlannedError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Cell, Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.learning.loop_inverse import LoopInverse, loop_inverse
-from feeddrive.learning.planned_friction import friction_along
+from feeddrive.learning.planned_friction import friction_along, remembers
 from feeddrive.learning.plant_box import NOMINAL, PlantBox, noisy_machines
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
@@ -350,6 +350,35 @@ def _levels(block: Block) -> bool:
     return any(value != 0.0 for name, value in tree.leaves(block) if tree.declaration(block, name).unit == "N")
 
 
+def hunting(machine: Machine, axes: Sequence[str]) -> list[str]:
+    """Return a sentence for each axis whose loop is unstable at rest, where presliding holds it like a spring.
+
+    Such an axis hunts around its set position as far as the presliding goes.  It is stable while it slides, so that no
+    other check finds it, and no force along the plan can cancel it.
+    """
+    found: list[str] = []
+    for axis in axes:
+        loop = machine.loop(axis)
+        frictions = (loop.axis.friction_load, loop.axis.friction_motor)
+        if not any(friction is not None and remembers(friction) for friction in frictions):
+            continue
+        try:
+            verdict = stability(loop, velocity=0.0)
+        except NoSlopeError:
+            # a law without a linear model is judged by its runs alone
+            continue
+        if verdict.stable or verdict.time_constant is None:
+            continue
+        found.append(
+            Text(
+                f"Axis {axis} hunts at rest, at {Quantity(verdict.frequency, 'Hz')}: its loop is unstable where "
+                "presliding holds it like a spring, which no force along the plan can cancel; damp it there, or lower "
+                "its bandwidth."
+            )
+        )
+    return found
+
+
 class Judge:
     """The machines on which a correction is judged, each with the figures of its run without correction.
 
@@ -572,6 +601,7 @@ class CorrectedProgram(Result):
     errors      deviation over time, m, of the nominal and of the worst machine: by name, "plain" and "corrected"
     box         tolerances of the box
     remarks     what a user must know
+    left        what no correction can cancel: see `hunting`
     """
 
     correction: Correction
@@ -581,6 +611,7 @@ class CorrectedProgram(Result):
     errors: Mapping[str, Mapping[str, np.ndarray]]
     box: PlantBox
     remarks: tuple[str, ...] = ()
+    left: tuple[str, ...] = ()
 
     @property
     def nominal(self) -> PlantFigures:
@@ -644,5 +675,10 @@ def _result(
     remarks: Sequence[str],
 ) -> CorrectedProgram:
     result = CorrectedProgram(correction, accepted, tuple(plants), tuple(tried), {}, box, tuple(remarks))
-    shown = dict.fromkeys((NOMINAL if NOMINAL in judge.errors else plants[0].name, result.worst.name))
-    return dataclasses.replace(result, errors={name: judge.errors[name] for name in shown})
+    nominal = NOMINAL if NOMINAL in judge.errors else plants[0].name
+    shown = dict.fromkeys((nominal, result.worst.name))
+    return dataclasses.replace(
+        result,
+        errors={name: judge.errors[name] for name in shown},
+        left=tuple(hunting(judge.machines[nominal], judge.axes)),
+    )

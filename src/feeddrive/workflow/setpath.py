@@ -290,7 +290,7 @@ def _by_plan(request: SetpathRequest, part: Part, progress: Progress) -> Outcome
         [result.table()],
         result.remarks if accepted else [],
         verdict=_verdict(result) if accepted else "",
-        notes=result.tried,
+        notes=(*result.tried, *result.left),
         files=files,
         judgment=judgment,
         failure="" if accepted else _verdict(result),
@@ -376,7 +376,7 @@ def corrected_report(result: CorrectedProgram, kind: str = "", known: Mapping[st
     good = result.accepted > 0.0
     # the row of the worst machine
     worst = [plant.name for plant in result.plants].index(result.worst.name)
-    about = [Remarks(result.tried, "What was tried")]
+    about = [Remarks(result.tried, "What was tried"), Remarks(result.left, "What no correction cancels")]
     if good:
         about.append(Remarks(result.remarks, "How to use it"))
     return Report(
@@ -429,6 +429,7 @@ def _record(request: SetpathRequest, part: Part, result: CorrectedProgram) -> di
             for plant in result.plants
         ],
         "tried": [str(text) for text in result.tried],
+        "left": [str(text) for text in result.left],
         **_of_correction(result.correction),
     }
 
