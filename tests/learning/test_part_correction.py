@@ -127,6 +127,8 @@ def test_what_acts_twice_or_is_not_there() -> None:
 class Rigged(Judge):
     """A judge whose machines have figures by the share of the correction."""
 
+    left = ()
+
     def __init__(self, worst_at: dict[float, float]) -> None:
         self.worst_at, self.calls = worst_at, 0
         self.errors = {NOMINAL: {}, "b": {}}

@@ -416,6 +416,7 @@ class Judge:
         self.errors: dict[str, dict[str, np.ndarray]] = {}
         for name, sampled in self.machines.items():
             self._require(name, sampled)
+        self.left = tuple(hunting(next(iter(self.machines.values())), self.axes))
         self.plain = self._figures(list(self.machines), None)
 
     def _require(self, name: str, machine: Machine) -> None:
@@ -485,7 +486,7 @@ class Judge:
                 raise ParameterError(
                     f"machine of the box '{run.name}': the guard of axis {axis} tripped at "
                     f"{self._place(run, int(tripped[0]))}: a correction cannot be judged on it; check the "
-                    "limits of the guard"
+                    "limits of guard and force"
                 )
             if axis not in forces:
                 continue
@@ -680,5 +681,5 @@ def _result(
     return dataclasses.replace(
         result,
         errors={name: judge.errors[name] for name in shown},
-        left=tuple(hunting(judge.machines[nominal], judge.axes)),
+        left=judge.left,
     )

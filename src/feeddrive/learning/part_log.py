@@ -261,8 +261,12 @@ def _error(log: PartLog, axis: str, loop: Loop, path: Recorded, counted: np.ndar
     for what, row in (("position", measured), ("set position", setpoint)):
         if abs(row.size - n) > 1:
             raise LogError(
-                f"{log.name}: axis {axis}: has {row.size} samples of the {what}, the plan {n}: cut the log to the "
-                "program, from its first sample to its last"
+                f"{log.name}: axis {axis}: has {row.size} samples of the {what}, the plan {n}: "
+                + (
+                    "cut the log to the program, from its first sample to its last"
+                    if row.size > n
+                    else "log the part again, to its last sample"
+                )
             )
         if not np.all(np.isfinite(row)):
             raise LogError(
@@ -292,7 +296,8 @@ def _error(log: PartLog, axis: str, loop: Loop, path: Recorded, counted: np.ndar
     if np.any(moves) and way < _STUCK * wanted:
         raise LogError(
             f"{log.name}: axis {axis}: moves {Quantity(way, 'm')} where the plan moves {Quantity(wanted, 'm')}: the "
-            "axis is stuck or switched off, or the column is not its position"
+            "axis is stuck or switched off, or the column is not its position; free it and log the part again, or name "
+            "its column by --position"
         )
     limit, force = loop.control.force_limit, log.force.get(axis)
     if force is not None and limit is not None:
