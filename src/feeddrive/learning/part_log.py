@@ -2,7 +2,10 @@
 
     θ = <e_f, e> / <e_f, e_f>     first log, without a correction: share of the model's friction that is there
     (B'B + λ r0 I) dc = B' q(w e) later logs: splines of the force that displace the table back by the error e
-    force += 0.7 Σ dc_j N_j
+    force += g Σ dc_j N_j         g = 0.7, 0.7, 0.7², 0.7³ ... from part to part, and 0 in a rest
+
+In a rest the friction along the plan holds nearly the whole breakaway ready: more force cannot move the stuck axis, it
+can only break it loose before its start.  So what is learned fades there within 1 ms.
 
 The model supplies only the inverse of the loop, so that a machine whose friction, mass or stiffness differ from the
 model is corrected too.
@@ -35,6 +38,7 @@ from feeddrive.learning.part_correction import (
     moving_axes,
     planned_velocity,
 )
+from feeddrive.learning.planned_friction import around_motion
 from feeddrive.learning.trial import check_clock
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
@@ -44,7 +48,9 @@ from feeddrive.loop.simulate import simulate
 SHARE_FOUND = 0.9
 """The share of a friction that was found in a log."""
 _KNOTS, _RIDGE = 0.01, 0.01  # s, relative: with 2 ms the third pass grows on a machine that is softer and later
-_GAIN = 0.7  # of the error of the last part
+_GAIN = 0.7  # of the error of the last part, at first
+_CALMER = 0.7  # of the gain before: what a start from rest leaves differs from part to part
+_REST = 1e-3  # s around a motion in which a learned force fades: with 10 ms an axis breaks loose before its start
 _SMOOTH = 1e-3  # s, of each of two moving averages of the error
 _GATE = 1e-3  # m/s: below it an axis may stick, which no linear model describes
 _OPEN = 3e-3  # m/s: from it on the whole error is learned
@@ -145,6 +151,8 @@ def learn_from_log(
     shares: dict[str, tuple[float, float]] = {}
     forces = {} if last is None else dict(last.forces)
     remarks: list[str] = []
+    passes = 0 if last is None else last.passes
+    T = float(plan[axes[0]].sample_time)
     for axis in axes:
         loop = machine.loop(axis)
         if last is None and not feeds_friction(loop):
@@ -159,13 +167,17 @@ def learn_from_log(
             continue
         inverse = loop_inverse(loop)
         _same_start(log, axis, inverse, plan[axis], errors[axis])
-        learned = _GAIN * inverse.force_for(_learnable(plan[axis], errors[axis]), _KNOTS, _RIDGE)
+        gain = _GAIN * _CALMER ** max(0, passes - 1)
+        learned = gain * inverse.force_for(_learnable(plan[axis], errors[axis]), _KNOTS, _RIDGE)
+        if not feeds_friction(loop):
+            # the force along the plan is complete at the start: more of it would break the axis loose before
+            learned *= around_motion(planned_velocity(plan[axis]), T, _REST)
         forces[axis] = forces.get(axis, np.zeros(n)) + learned
     correction = Correction(
         plan,
         forces,
         shares={axis: SHARE_FOUND * share for axis, (share, _) in shares.items()},
-        passes=len(past),
+        passes=passes + 1,
     )
     _within_limits(log, machine, correction)
     return LearnedPart(correction, figures, past, shares, size, False, tuple(remarks))
