@@ -16,7 +16,9 @@ from feeddrive.language.errors import FeeddriveError, FileError, LogError, Param
 from feeddrive.language.judgment import Judgment
 from feeddrive.learning.part_correction import PATH_SHARE, CorrectedProgram
 from feeddrive.learning.part_log import LearnedPart
+from feeddrive.learning.plant_box import NOMINAL
 from feeddrive.loop.simulate import simulate
+from feeddrive.plot.part_program import corrected_path_chart
 from feeddrive.workflow.setpath import SetpathRequest, setpath
 
 PROGRAM = """(a circle of 5 mm, and a stroke of x out and back)
@@ -94,6 +96,17 @@ def test_a_part_is_corrected_judged_and_written(job: Path, tmp_path: Path) -> No
     assert "Report: " in words
     assert "Next: feeddrive setpath" in words
     assert isinstance(found.result, CorrectedProgram)
+    # on the path, with one scale of colors for all pictures
+    most = max(np.nanmax(row) for errors in found.result.errors.values() for row in errors.values())
+    for machine, corrected in ((NOMINAL, False), (found.result.worst.name, True)):
+        chart = corrected_path_chart(found.result, machine, corrected=corrected)
+        (panel,) = chart.panels
+        heat = np.asarray(panel.curves[0].heat)
+        size = found.result.errors[machine]["corrected" if corrected else "plain"]
+        assert np.nanmax(heat) == pytest.approx(1e6 * np.nanmax(size))
+        assert panel.heat is not None
+        assert panel.heat.high == pytest.approx(1e6 * most)
+        assert chart.square
     # the same correction from Python, without the command
     given = read_job(job)
     again = fd.learning.correct_by_plan(
