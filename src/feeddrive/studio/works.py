@@ -101,7 +101,8 @@ def shown_report(
 
     sections = [{**section, "parts": [*filter(kept, section["parts"])]} for section in record["sections"]]
     verdict, told = record["verdict"]["sentences"], resolve(failure, units)
-    remarked = {text for section in sections for part in section["parts"] for text in part.get("sentences") or ()}
+    parts = [part for section in sections for part in section["parts"] if part["kind"] == "remarks"]
+    remarked = {text for part in parts for text in part["sentences"]}
     words = {
         "verdict": verdict,
         "failure": "" if told in verdict else told,
