@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from feeddrive.workflow.compare import CompareRequest
     from feeddrive.workflow.export import ExportRequest
     from feeddrive.workflow.run_job import RunRequest
+    from feeddrive.workflow.setpath import SetpathRequest
     from feeddrive.workflow.tour import TourRequest
     from feeddrive.workflow.tune import TuneRequest
 
@@ -100,11 +101,14 @@ def shown_report(
 
     sections = [{**section, "parts": [*filter(kept, section["parts"])]} for section in record["sections"]]
     verdict, told = record["verdict"]["sentences"], resolve(failure, units)
+    parts = [part for section in sections for part in section["parts"] if part["kind"] == "remarks"]
+    remarked = {text for part in parts for text in part["sentences"]}
     words = {
         "verdict": verdict,
         "failure": "" if told in verdict else told,
         "bad": bad,
-        "said": [resolve(note, units) for note in notes],
+        # what a section of the report says is not said twice
+        "said": [said for note in notes if (said := resolve(note, units)) not in remarked],
         "picture": record["picture"] if record["picture"] is not None and kept(record["picture"]) else None,
         "sections": [section for section in sections if section["parts"]],
     }
@@ -208,6 +212,28 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
                 }
             )
     return Shown({**page.words, "worst": worst}, {**page.charts, **_drawn(charts, outcome)})
+
+
+def part_corrected(request: SetpathRequest, progress: Progress) -> Shown:
+    """Correct a part program; return the contour error on the path before and after, and the archive of its files.
+
+    The pictures `before_0` and `after_0` are of the nominal machine, those with 1 of the worst one of the box.
+    """
+    from feeddrive.plot.part_program import corrected_path_chart
+
+    outcome = perform("setpath", request, progress)
+    progress.step("pictures")
+    page, result = shown(outcome), outcome.result
+    assert request.out is not None
+    machines = list(result.errors) if len(result.correction.plan) > 1 else []
+    charts = {
+        f"{'after' if corrected else 'before'}_{place}": corrected_path_chart(result, name, corrected=corrected)
+        for place, name in enumerate(machines)
+        for corrected in (False, True)
+    }
+    archive = packed(request.out).name if result.accepted else ""
+    words = {**page.words, "machines": machines, "archive": archive}
+    return Shown(words, {**page.charts, **_drawn(charts, outcome)})
 
 
 def compared(request: CompareRequest, progress: Progress) -> Shown:
