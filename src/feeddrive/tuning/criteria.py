@@ -12,12 +12,12 @@ import numpy as np
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.figures.catalogue import limitable
 from feeddrive.figures.figure import Figure, Limit
-from feeddrive.figures.slopes import JudgedLoop, Place, Slope, SlopedLoop, rope_snap_slope
+from feeddrive.figures.slopes import JudgedLoop, Slope, SlopedLoop, rope_snap_slope
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError, nearest
 from feeddrive.language.quantity import Quantity, number, span
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
-from feeddrive.tuning.closed_loop import Answer, Below, answer, grows, unstable
+from feeddrive.tuning.closed_loop import Answer, Below, answer, grows, unstable, unstable_among
 from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.operating_point import OperatingPoint, one_encoder
 
@@ -155,7 +155,6 @@ def judged(limits: Limits, loop: JudgedLoop, room: float) -> tuple[Judged, ...]:
     )
 
 
-_THINNED = 4  # of the lines near a limit at a plant of a box, one of so many is kept
 NOTCH = "notch"  # the bound that prevents a notch from amplifying
 
 
@@ -181,36 +180,20 @@ class Bound(NamedTuple):
         return NOTCH if self.figure is None else self.figure.title
 
 
-def bounds_of(i: int, loop: SlopedLoop, limits: Limits, *, critical: bool = False) -> list[Bound]:
+def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
     """Return the bounds of point `i` that are violated or close to violation.
 
     For a loop without derivatives, a limit that applies to every line yields only its most critical line.
-
-    critical  True for the lines beside a minimum of the slack alone, and every fourth line between
     """
     bounds: list[tuple[tuple[int, int], Bound]] = []
     for figure, bound in ((limit.figure, limit.bound) for limit in limits.limits):
         assert figure.limit is not None
-        places = list(figure.limit.places(loop, bound, limits.reading_noise))
-        for place in _critical(places) if critical else places:
+        for place in figure.limit.places(loop, bound, limits.reading_noise):
             frequency, slack, slope, deviation, line = place
             key = (figure.key, i, line)
             order = (figure.limit.order, line)
             bounds.append((order, Bound(figure, i, frequency, slack, slope, deviation, key)))
     return [bound for _, bound in sorted(bounds, key=lambda pair: pair[0])]
-
-
-def _critical(places: Sequence[Place]) -> list[Place]:
-    """Return the places beside a local minimum of the slack, and every fourth one of the others."""
-    slack = np.array([place.slack for place in places])
-    if slack.size < 3 * _THINNED:
-        return list(places)
-    low = np.flatnonzero((slack[1:-1] <= slack[:-2]) & (slack[1:-1] <= slack[2:])) + 1
-    kept = np.zeros(slack.size, bool)
-    kept[::_THINNED] = True
-    for beside in (-1, 0, 1):
-        kept[low + beside] = True
-    return [place for place, keep in zip(places, kept, strict=True) if keep]
 
 
 def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:
@@ -466,14 +449,14 @@ class Criteria:
     def judged(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
         """Evaluate goal and bounds for the given closed loops."""
         evaluation = self._of_stable(x, answers)
-        return replace(evaluation, stable=False) if any(unstable(loop) for loop in answers) else evaluation
+        return replace(evaluation, stable=False) if unstable_among(answers) else evaluation
 
     def _of_stable(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
         """Evaluate goal and bounds for closed loops that are known to be stable."""
         goals = [self._goal(loop) for loop in answers if not loop.point.bounds_only]
         bounds: list[Bound] = []
         for i, loop in enumerate(answers):
-            bounds += bounds_of(i, loop, self.limits, critical=loop.point.bounds_only)
+            bounds += bounds_of(i, loop, self.limits)
         bounds += notches_stay_notches(self.control.control, self.control.tunables, x)
         worst = int(np.argmax([value for value, _, _ in goals]))
         return Evaluation(
