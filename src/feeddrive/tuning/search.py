@@ -104,8 +104,9 @@ class Search:
     def look(self, points: np.ndarray, better_than: np.ndarray | None = None) -> np.ndarray:
         """Return the merit at many points (points, tunables), clipped to the search range.
 
-        better_than  a merit for each point: where a part of the points of the criteria shows that it is not reached,
-                     the merit of this part is returned, which is no better
+        better_than  a merit for each point: where the goal alone or a part of the points of the criteria shows that it
+                     is not reached, the merit of this part is returned, which is no better; -inf: that of the points
+                     with a goal
 
         The merit is infinite where the loop is unstable or the evaluation fails.
         """
@@ -114,9 +115,10 @@ class Search:
         def promising(i: int, evaluation: Evaluation) -> bool:
             return better_than is None or self.merit(evaluation) < better_than[i]
 
+        goal_first = better_than is not None and bool(np.all(better_than > -np.inf))
         fine = (
             evaluation if evaluation is not None and evaluation.stable and np.isfinite(evaluation.goal).all() else None
-            for evaluation in self.criteria.looked(inside, promising)
+            for evaluation in self.criteria.looked(inside, promising, goal_first=goal_first)
         )
         return np.array([self.merit(evaluation) for evaluation in fine])
 
