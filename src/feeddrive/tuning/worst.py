@@ -486,6 +486,7 @@ def _spreads(
 ) -> Iterable[Spread]:
     """Yield the figures at the models and at their worst plants, both on all lines."""
     close: dict[Corner, Examined] = {}
+    loops: dict[tuple[int, Corner], Loop] = {}
 
     def closely(plant: Examined) -> Examined:
         if plant.corner not in close:
@@ -502,7 +503,9 @@ def _spreads(
         value = None if nominal is None or not np.isfinite(nominal.used) else figure.read(nominal.figures)
         if value is not None or worst is not None:
             named = Text() if plant is None else Text(f"unstable at {plant.name}") if unstable else plant.name
-            at = None if plant is None else plant.plants.box.plant(plant.plants.loop, plant.corner)
+            if plant is not None and (id(plant.plants), plant.corner) not in loops:
+                loops[id(plant.plants), plant.corner] = plant.plants.box.plant(plant.plants.loop, plant.corner)
+            at = None if plant is None else loops[id(plant.plants), plant.corner]
             yield Spread(figure, value, worst, named, at)
 
 
