@@ -159,7 +159,9 @@ def _worst(tuned: Tuned) -> dict[str, Loop]:
     found = {"sensitivity": SENSITIVITY_PEAK, "stiffness": STIFFNESS_LEAST}
     spreads = {name: None if tuned.box is None else tuned.box.spread(figure) for name, figure in found.items()}
     return {
-        name: spread.at for name, spread in spreads.items() if spread is not None and spread.at is not None
+        name: replace(spread.at, control=tuned.control)
+        for name, spread in spreads.items()
+        if spread is not None and spread.at is not None
     }
 
 
