@@ -32,7 +32,9 @@ export class Compare implements Room {
   private readonly refused = make("div");
   private readonly hint = make("p");
   private readonly seed = make("p");
-  private readonly picture = new Picture("Trade-off at equal robustness: better is left and up. Click a law to tune on with it.");
+  private readonly picture = new Picture(
+    "Trade-off at equal robustness: better is left and up; lines lead to the worst plant of the box. Click a law to tune on with it.",
+  );
   private readonly outcome = make("div");
   private readonly report = new Report("compare");
   private last: Received | null = null;

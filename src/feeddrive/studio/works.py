@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from feeddrive.analysis.friction_map import FrictionMap
     from feeddrive.loop.control import Control
     from feeddrive.loop.loop import Loop
-    from feeddrive.tuning.tune import Tuned
     from feeddrive.machining.circle_test import CircleTest
     from feeddrive.report.report import Report
     from feeddrive.studio.uploads import Understood
+    from feeddrive.tuning.tune import Tuned
     from feeddrive.workflow.circle import CircleRequest
     from feeddrive.workflow.command import Outcome, Request
     from feeddrive.workflow.commission_steps import CommissionRequest

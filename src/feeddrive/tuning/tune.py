@@ -1290,6 +1290,7 @@ def tune_control(
     today: Control | None = None,
     box: Box | None = None,
     around: Sequence[Loop] | None = None,
+    today_over_box: bool = True,
     progress: Progress | None = None,
 ) -> Tuned:
     """Tune a controller: optimize the goal over its tunables, with all limits satisfied at every point.
@@ -1312,6 +1313,7 @@ def tune_control(
     box         tolerances of the plants of modelled points: the limits hold at every plant of it that is found by its
                 corners and by searches within it (`Tuned.box`); the goal is that of the models themselves
     around      the loops around which the box lies; default: those of the modelled points
+    today_over_box  False to leave out the present controller over the box (`Tuned.box_before`)
     progress    receives the name of each stage, and may cancel the tuning
 
     The response of the controller is computed by linearizing its code (`ControlResponse`), with exact derivatives.
@@ -1339,7 +1341,7 @@ def tune_control(
         best = tuner.with_notches(best, tried)._replace(agreed=best.agreed)
     best, examined = tuner.over_box(best)
     tuner.progress.step("proof")
-    return result(tuner, best, today or control, tuple(tried), box=examined)
+    return result(tuner, best, today or control, tuple(tried), box=examined, today_over_box=today_over_box)
 
 
 def assess(
@@ -1439,7 +1441,14 @@ _MUCH = 0.02  # of the goal: improvement by a tenth of a sample that counts as l
 
 
 def result(
-    tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "", box: OverBox | None = None
+    tuner: Tuner,
+    best: Best,
+    today: Control,
+    tried: tuple[str, ...],
+    recipe: str = "",
+    box: OverBox | None = None,
+    *,
+    today_over_box: bool = True,
 ) -> Tuned:
     """Assemble the result of a tuning: figures before and after, active limits, advice, and proof."""
     values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
@@ -1458,6 +1467,7 @@ def result(
             proof += of_model(point.name, loop, tuner.limits, tuner.velocity)
     if box is not None:
         proof += (Checked(f"limits over the box, {box.examined} plants", box.holds, box.sentence(tuner.limits)),)
+    examined = today_over_box and box is not None and before
     cascades = [cascade_loops(version, tuner.points[0]) if before else None for version in (today, control)]
     whole = tuner.on_all_lines(best.control, best.names)
     return Tuned(
@@ -1485,7 +1495,7 @@ def result(
         recipe=recipe,
         agreed=best.agreed,
         box=box,
-        box_before=over_box(today, tuner.boxes, tuner.limits, inside=False)[0] if box is not None and before else None,
+        box_before=over_box(today, tuner.boxes, tuner.limits, inside=False)[0] if examined else None,
     )
 
 
