@@ -204,7 +204,7 @@ class Response(NamedTuple):
     def swings(self) -> np.ndarray:
         """The decaying oscillatory poles of the control itself; none of a multirate control."""
         poles = self._own if self.period == 1 else np.zeros(0)
-        return poles[(np.abs(poles) < 1.0 + _ON_CIRCLE) & (poles.imag != 0.0)]
+        return poles[(np.abs(poles) < 1.0 + _ON_CIRCLE) & (np.imag(poles) != 0.0)]
 
     @property
     def _own(self) -> np.ndarray:
