@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.figures.of_loops import SENSITIVITY_PEAK, STIFFNESS_LEAST
 from feeddrive.language.errors import sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import DRAWN, Quantity
@@ -21,9 +22,11 @@ from feeddrive.studio.jobs import perform
 if TYPE_CHECKING:
     from feeddrive.analysis.friction_map import FrictionMap
     from feeddrive.loop.control import Control
+    from feeddrive.loop.loop import Loop
     from feeddrive.machining.circle_test import CircleTest
     from feeddrive.report.report import Report
     from feeddrive.studio.uploads import Understood
+    from feeddrive.tuning.tune import Tuned
     from feeddrive.workflow.circle import CircleRequest
     from feeddrive.workflow.command import Outcome, Request
     from feeddrive.workflow.commission_steps import CommissionRequest
@@ -57,6 +60,14 @@ class Shown:
     files: Mapping[str, Path] = field(default_factory=dict[str, Path])
     friction: FrictionMap | None = None
     result: Any = None
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """The controller of a search and, by picture, its loop at the plant of the box that is the worst there."""
+
+    control: Control
+    worst: Mapping[str, Loop]
 
 
 def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
@@ -142,8 +153,20 @@ def tuned(request: TuneRequest, progress: Progress) -> Shown:
     outcome = perform("tune", request, progress)
     progress.step("pictures")
     files = {what: Path(str(path)) for what, path in outcome.files.items()}
-    # the control alone: all that a job returns is pickled
-    return replace(shown(outcome, ("cascade",)), files=files, result=outcome.result.control)
+    # no more than this: all that a job returns is pickled
+    found = Tuning(outcome.result.control, _worst(outcome.result))
+    return replace(shown(outcome, ("cascade",)), files=files, result=found)
+
+
+def _worst(tuned: Tuned) -> dict[str, Loop]:
+    """Return the loops at the plants with the largest Ms and with the least stiffness; none without a box."""
+    found = {"sensitivity": SENSITIVITY_PEAK, "stiffness": STIFFNESS_LEAST}
+    spreads = {name: None if tuned.box is None else tuned.box.spread(figure) for name, figure in found.items()}
+    return {
+        name: replace(spread.at, control=tuned.control)
+        for name, spread in spreads.items()
+        if spread is not None and spread.at is not None
+    }
 
 
 def _drawn(charts: Mapping[str, Chart], outcome: Outcome[Any]) -> dict[str, Chart]:
