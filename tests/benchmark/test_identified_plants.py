@@ -49,7 +49,7 @@ def test_the_records_of_the_lead_screw_do_not_tell_its_inertia() -> None:
     assert max(inertias) > 5.0 * min(inertias) > 0.0
     assert all(viscous < 0.0 for _, viscous in found.values())
     with pytest.raises(LogError, match="no column with a usual name for the position"):
-        fd.identify(DATA / module.SCREW / "start_stop" / "200.csv", rotary=True)
+        fd.identify(DATA / module.SCREW / "start_stop" / "200.csv", rotary=True, torque=f"{module.TORQUE}*-0.0984:mN m")
 
 
 def test_the_slow_turns_of_the_motor_give_an_inertia_below_0() -> None:
