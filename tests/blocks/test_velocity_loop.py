@@ -19,11 +19,13 @@ from feeddrive.blocks.reference.polynomial7 import Polynomial7
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.bus.control_in_master import ControlInMaster
 from feeddrive.language.errors import StructureError
+from feeddrive.language.text import Text
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard
 from feeddrive.loop.linearize import linearize
 from feeddrive.loop.loop import Loop
+from feeddrive.plot.curves import batch_chart
 
 T = 1e-3  # s
 MASS, VISCOUS, KP, TN, LAG = 40.0, 120.0, 9000.0, 0.02, 4e-4
@@ -169,3 +171,14 @@ def test_in_the_master_it_commands_the_velocity_of_its_step() -> None:
     assert (first.force, second.force) == (0.0, 0.0)
     assert first.velocity == pytest.approx(0.02, rel=1e-12)
     assert second.velocity == 0.05
+
+
+def test_a_batch_names_the_units_of_what_is_commanded() -> None:
+    """Until now the table and the chart of a batch called every command a force in N, and every way one in m."""
+    varied = fd.vary(loop(), {"axis.x.control.law.Kv": np.array([15.0, 20.0, 25.0])})
+    batch = fd.simulate_batch(varied, MOVE, gather=["force", "tracking_error"])
+    assert batch.units == {"force": "m/s", "tracking_error": "m"}
+    shown = {str(row[0]): str(row[2]) for row in batch.table().rows}
+    assert shown["force"].endswith("mm/s")
+    labels = [f"{Text(panel.abscissa.label)}" for panel in batch_chart(batch).panels]
+    assert labels == ["RMS of force (mm/s)", "RMS of tracking error (um)"]

@@ -38,6 +38,7 @@ from feeddrive.loop.machine import Machine, noise_of
 from feeddrive.loop.runner import Prepared, Work
 from feeddrive.loop.simulate import simulate, simulate_batch, stream
 from feeddrive.loop.trace import concrete
+from feeddrive.plot.curves import batch_chart
 from feeddrive.testing import exercise as c
 from loop import engine_loops as loops
 
@@ -252,6 +253,8 @@ def test_a_batch_has_the_bits_of_single_runs():
         alone = simulate(one, PATH, load=LOADS, duration=(COUNT - 1) * T)
         assert found.most["x.tracking_error"][i] == np.max(alone["x.tracking_error"])
         assert found.peak["y.force"][i] == np.max(np.abs(alone["y.force"]))
+    # the chart of a machine of several axes was a KeyError
+    assert len(batch_chart(found).panels) == len(found.units) == len(found.rms)
 
 
 def test_gradients_go_through_couplings():

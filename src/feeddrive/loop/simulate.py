@@ -23,7 +23,7 @@ from feeddrive.language.text import Text
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.llvm import Native
 from feeddrive.loop.engine.plan import ARITHMETIC
-from feeddrive.loop.loop import UNITS, Loop, quantity, unit_of
+from feeddrive.loop.loop import Loop, quantity, unit_of
 from feeddrive.loop.machine import Machine, System, check_system, turning_ports, velocity_ports
 from feeddrive.loop.runner import LEFT, Prepared, Work, cores, gathered, grouped, recorded
 
@@ -361,7 +361,8 @@ def _check_inside(left: float, bound: float, T: float) -> None:
 class Batch(Result):
     """The RMS, peak, minimum and maximum of signals for every variant, each an array of shape (variants,).
 
-    `left` is the sample at which a variant left its bounds, -1 if it never did.
+    `left` is the sample at which a variant left its bounds, -1 if it never did. `turning` and `by_velocity` are the
+    signal prefixes of rotary axes and of axes whose drives are commanded by velocities, as of `Run`.
     """
 
     rms: Mapping[str, np.ndarray]
@@ -371,12 +372,19 @@ class Batch(Result):
     left: np.ndarray
     samples: int
     sample_time: float
+    turning: frozenset[str] = frozenset()
+    by_velocity: frozenset[str] = frozenset()
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The SI unit of every signal."""
+        return {name: unit_of(name, self.turning, None, self.by_velocity) for name in self.rms}
 
     def table(self) -> Table:
         """Return a table of the best, median and worst variant for each signal."""
-        rows = []
+        rows, units = [], self.units
         for signal, values in self.rms.items():
-            unit = UNITS[quantity(signal)]
+            unit = units[signal]
             low, middle, high = (Quantity(size, unit) for size in np.quantile(values, [0.0, 0.5, 1.0]).tolist())
             rows.append([signal.replace("_", " "), UNIT, low, int(np.argmin(values)), middle, high])
         title = f"{self.left.size} variants of {self.samples} samples; {int(np.sum(self.left >= 0))} left their bounds"
@@ -446,6 +454,8 @@ def simulate_batch(
         left=named[LEFT].astype(np.int64),
         samples=count,
         sample_time=work.T,
+        turning=turning_ports(loop),
+        by_velocity=velocity_ports(loop),
     )
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from feeddrive.language.quantity import DRAWN, Quantity, number, unit_name
 from feeddrive.language.text import Text
-from feeddrive.loop.loop import UNITS
 from feeddrive.plot import chart, style
 from feeddrive.plot.chart import Abscissa, Box, Chart, Curve, Field, Heat, Level, Panel
 from feeddrive.plot.drawing import figure_of
@@ -144,7 +143,8 @@ left_over = figure_of(left_over_chart)
 def batch_chart(batch: Batch) -> Chart:
     """Plot a histogram of the RMS over the variants for each signal, without variants that exceeded their bounds."""
     inside = batch.left < 0
-    panels = [_variants(name, rms[inside], i) for i, (name, rms) in enumerate(batch.rms.items())]
+    units = batch.units
+    panels = [_variants(name, units[name], rms[inside], i) for i, (name, rms) in enumerate(batch.rms.items())]
     across = min(2, len(panels))
     lost = int(np.sum(~inside))
     caption = f"{lost} of {inside.size} variants left their bounds and are not shown" if lost else ""
@@ -154,8 +154,7 @@ def batch_chart(batch: Batch) -> Chart:
 batch = figure_of(batch_chart)
 
 
-def _variants(name: str, rms: np.ndarray, number: int) -> Panel:
-    unit = UNITS[name]
+def _variants(name: str, unit: str, rms: np.ndarray, number: int) -> Panel:
     factor = DRAWN.of(unit)[1]
     values = factor * rms[np.isfinite(rms)]
     abscissa = f"RMS of {name.replace('_', ' ')} ({unit_name(unit)})"
