@@ -56,7 +56,7 @@ class BoxPlants:
     def __init__(self, box: Box, loop: Loop, name: str, velocity: float) -> None:
         self.box, self.loop, self.name, self.velocity = box, loop, name, velocity
         sampled = SampledPlants(box, loop)
-        self._sampled = sampled if sampled.agree(box, velocity) else None
+        self._sampled = sampled if sampled.agree(velocity) else None
         self.screen = None if self._sampled is None else Screen(self._sampled)
         self._dimensions = box.dimensions(loop.axis)
         self.corners = tuple(box.corners(loop.axis))
