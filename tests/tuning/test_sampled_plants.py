@@ -1,4 +1,4 @@
-"""Models of the plants of a box by affine matrices are those of the linearized step, or are not used."""
+"""Models of the plants of a box from their matrices are those of the linearized step, or are not used."""
 
 from __future__ import annotations
 
@@ -46,25 +46,41 @@ def test_dead_time_and_current_loop_are_exact(dead: float, bandwidth: float | No
 @pytest.mark.parametrize(("machine", "axis"), [("ball_screw", "x"), ("rotary_table", "c"), ("mill", "x")])
 def test_other_plants_are_those_of_the_linearized_step(machine: str, axis: str) -> None:
     loop = fd.read_machine(machine).loops[axis]
-    assert SampledPlants(Box(), loop).agree(Box(), 0.05)
+    assert SampledPlants(Box(), loop).agree(0.05)
 
 
-def test_what_is_not_affine_is_not_used() -> None:
-    """A mode whose frequency spreads, and friction that falls with velocity, are linearized as before."""
+def with_modes() -> Loop:
+    """A free axis with two modes, whose stiffnesses are not affine in their masses and frequencies."""
     loop = fd.read_machine("linear_motor").loop("x")
-    modes = (Mode(frequency=80.0, damping_ratio=0.02, mass=50.0, motor=1.0, load=1.0),)
-    modal = replace(
-        loop, axis=replace(loop.axis, plant=Modal(mass=40.0, viscous=10.0, modes=modes), friction_load=None)
+    modes = (
+        Mode(frequency=80.0, damping_ratio=0.02, mass=4000.0, motor=1.0, load=1.0),
+        Mode(frequency=210.0, damping_ratio=0.04, mass=6000.0, motor=1.0, load=-1.0),
     )
-    assert not SampledPlants(Box(), modal).agree(Box(), 0.05)
+    plant = Modal(mass=40.0, viscous=10.0, modes=modes)
+    return replace(loop, axis=replace(loop.axis, plant=plant, friction_load=None))
+
+
+def test_modes_have_the_matrices_of_each_plant() -> None:
+    """Stiffness and damping of a mode are products: matrices between those of the ends would be others."""
+    loop = with_modes()
+    box = Box(0.3, 0.4, 1)
+    assert SampledPlants(box, loop).agree(0.05)
+    for corner in (Corner((1.0, -1.0, 1.0, -1.0, 1.0), 0), Corner((-0.3, 0.8, -0.6, 0.5, 0.9), 1)):
+        assert apart(loop, corner, box) < 1e-7
+
+
+def test_what_depends_on_velocity_is_not_used() -> None:
+    """Friction that falls with velocity is linearized as before."""
     table = fd.read_machine("machining_center").loop("x")
-    assert SampledPlants(Box(), table).agree(Box(), 0.05)
-    assert not SampledPlants(Box(), table).agree(Box(), 5e-4)
+    assert SampledPlants(Box(), table).agree(0.05)
+    assert not SampledPlants(Box(), table).agree(5e-4)
 
 
-def test_an_examination_finds_the_same_with_either_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    loop = fd.read_machine("linear_motor").loop("x")
-    box, limits = Box(0.0, 0.3, 1), Limits()
+@pytest.mark.parametrize(("modes", "box"), [(False, Box(0.0, 0.3, 1)), (True, Box(0.1, 0.0, 1))])
+def test_an_examination_finds_the_same_with_either_model(
+    monkeypatch: pytest.MonkeyPatch, modes: bool, box: Box
+) -> None:
+    loop, limits = with_modes() if modes else fd.read_machine("linear_motor").loop("x"), Limits()
     fast = over_box(loop.control, [BoxPlants(box, loop, "model", 0.05)], limits)[0]
     monkeypatch.setattr(worst.SampledPlants, "agree", lambda *_: False)
     slow = over_box(loop.control, [BoxPlants(box, loop, "model", 0.05)], limits)[0]

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -22,6 +22,7 @@ _MASS = {"kg": 1.0, "kg m2": 1.0}
 _STIFFNESS = {"N/m": 1.0, "Hz": 0.5}
 _DEVIATIONS = 2  # standard errors of `identified`: 95 % of a normal error
 AUTO = "auto"  # the box of an identification, if its standard errors are known, and else the standard box
+BOXES = (AUTO, "standard", "identified", "none")  # boxes by a word
 _CORNERS = 64  # of a box whose corners are all examined; of a larger one this many
 _EDGES = 256  # largest number of edges whose middles are examined
 
@@ -235,13 +236,17 @@ class Box:
         ends = joined("; ", [dimension.text for dimension in self.dimensions(axis)])
         return Text(f"{self.sentence}{Text(f' ({ends})') if ends else ''}")
 
-    def plant_of(self, axis: Axis, place: Sequence[float]) -> Plant:
-        """Return the plant of an axis at a place of the box, from -1 to 1 for each dimension."""
+    def plant_of(self, axis: Axis, place: Sequence[Any]) -> Plant:
+        """Return the plant of an axis at a place of the box, from -1 to 1 for each dimension.
+
+        With an array in each dimension of `place`, the parameters of the plant are arrays: one entry per plant.
+        """
         dimensions = self.dimensions(axis)
         changes = {d.path: d.at(u) for d, u in zip(dimensions, place, strict=True)}
-        masses = [changes[d.path] / d.value for d in dimensions if d.unit in _MASS]
-        mean = math.exp(sum(map(math.log, masses)) / len(masses)) if masses else 1.0
-        changes |= {path: value * mean for path, value in tree.leaves(axis.plant) if _signed(axis, path)}
+        signed = [(path, value) for path, value in tree.leaves(axis.plant) if _signed(axis, path)]
+        masses = [np.log(changes[d.path] / d.value) for d in dimensions if d.unit in _MASS] if signed else []
+        mean = np.exp(sum(masses) / max(len(masses), 1))
+        changes |= {path: value * (mean if np.ndim(mean) else float(mean)) for path, value in signed}
         return tree.vary(axis.plant, changes) if changes else axis.plant
 
     def plant(self, loop: Loop, corner: Corner) -> Loop:

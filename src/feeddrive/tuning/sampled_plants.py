@@ -1,4 +1,4 @@
-"""Sampled models of all plants of a box, from matrices that are affine in its parameters.
+"""Sampled models of all plants of a box, from the matrices of its plants.
 
 Linearizing the traced step of an axis takes ten times as long, and an examination of a box needs a thousand plants.
 The models here are compared with linearized ones when a box is set up, and not used where they differ.
@@ -17,6 +17,7 @@ from feeddrive.loop.loop import Loop
 INPUTS, OUTPUTS = ("cut", "load_force"), ("reading_motor", "reading_load", "position_load")
 _SAME = 1e-6  # largest difference from a linearized model, of a response
 _CHECKED = 2  # plants drawn from the box that are compared, beside the model
+_AFFINE = 1e-12  # of the largest entry of a matrix: difference that is rounding
 
 
 class SampledPlants:
@@ -32,9 +33,14 @@ class SampledPlants:
         self.loop, self.T = loop, float(loop.sample_time)
         axis = loop.axis
         plain = axis.mechanics()
-        self.count = len(box.dimensions(axis))
-        self._middle = self._matrices(box, np.zeros(self.count))
-        self._changes = [self._matrices(box, unit) - self._middle for unit in np.eye(self.count)]
+        self.box, self.count = box, len(box.dimensions(axis))
+        some = np.array([corner.place for corner in box.drawn(axis, _CHECKED, 5)]).reshape(_CHECKED, self.count)
+        middle, *others = self._matrices(np.concatenate([np.zeros((1, self.count)), np.eye(self.count), some]))
+        self._middle, units = middle, np.array(others[: self.count]).reshape(self.count, *middle.shape)
+        changes = units - middle
+        # masses and springs are affine in the place, and a mode is not: its stiffness is a mass by a squared frequency
+        off = np.abs(others[self.count :] - middle - np.einsum("kd,dabc->kabc", some, changes))
+        self._changes = changes if np.all(off <= _AFFINE * np.max(np.abs(middle), axis=(1, 2), keepdims=True)) else None
         shape = np.array(plain.shape, float)
         along = np.array([float(share) for share in plain.rigid_motion()])
         first = int(np.flatnonzero(along)[0])
@@ -57,17 +63,25 @@ class SampledPlants:
         self._whole = int(np.floor(samples + 1e-9))
         self._part = max(samples - self._whole, 0.0) if samples - self._whole > 1e-9 else 0.0
 
-    def _matrices(self, box: Box, place: np.ndarray) -> np.ndarray:
-        """Return M, C and K at a place of the box, shape (3, n, n)."""
-        mechanics = replace(self.loop.axis, plant=box.plant_of(self.loop.axis, tuple(place.tolist()))).mechanics()
-        return np.array([mechanics.mass, mechanics.damping, mechanics.stiffness], float)
+    def _matrices(self, places: np.ndarray) -> np.ndarray:
+        """Return M, C and K at places of the box, shape (plants, dimensions), as (plants, 3, n, n)."""
+        # every parameter is the array of its values at all places
+        plant = self.box.plant_of(self.loop.axis, tuple(places.T))
+        mechanics = replace(self.loop.axis, plant=plant).mechanics()
+        n = len(mechanics.mass)
+        matrices = np.empty((len(places), 3, n, n))
+        for part, rows in enumerate((mechanics.mass, mechanics.damping, mechanics.stiffness)):
+            for a, row in enumerate(rows):
+                for b, entry in enumerate(row):
+                    matrices[:, part, a, b] = entry
+        return matrices
 
-    def agree(self, box: Box, velocity: float) -> bool:
+    def agree(self, velocity: float) -> bool:
         """Return True if these models are those of the linearized axis, at the model and at plants of the box."""
         f = 0.5 / self.T * np.geomspace(1e-5, 0.98, 24)
-        corners = [Corner((0.0,) * self.count, 0), *box.drawn(self.loop.axis, _CHECKED, 5)]
+        corners = [Corner((0.0,) * self.count, 0), *self.box.drawn(self.loop.axis, _CHECKED, 5)]
         for corner in corners:
-            other = linearize(box.plant(self.loop, corner), list(INPUTS), list(OUTPUTS), velocity=velocity)
+            other = linearize(self.box.plant(self.loop, corner), list(INPUTS), list(OUTPUTS), velocity=velocity)
             model = self.model(corner)
             for output in OUTPUTS:
                 for source in INPUTS:
@@ -81,9 +95,10 @@ class SampledPlants:
         """Return the sampled models of plants at places of the box, shape (plants, dimensions)."""
         from scipy.linalg import expm
 
-        moved = self._middle + np.einsum(
-            "kd,dabc->kabc", places, np.array(self._changes).reshape(-1, *self._middle.shape)
-        )
+        if self._changes is None:
+            moved = self._matrices(places)
+        else:
+            moved = self._middle + np.einsum("kd,dabc->kabc", places, self._changes)
         S, count = self._basis, len(places)
         n = S.shape[0]
         M, C, K = (S.T @ moved[:, part] @ S for part in range(3))
