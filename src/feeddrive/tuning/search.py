@@ -179,23 +179,23 @@ class Search:
             return np.inf
         return float(np.max(evaluation.goal)) + self.penalty * max(self.broken(evaluation), 0.0)
 
-    def descend(self, x: np.ndarray, size: float = _FIRST, *, steps: int = _STEPS) -> End:
+    def descend(self, x: np.ndarray, size: float = _FIRST) -> End:
         """Minimize from a stable point; if bounds remain violated, increase the penalty and continue."""
-        end = self._descend(x, size, steps)
+        end = self._descend(x, size)
         while end.broken > _ROOM and self.penalty < _DEAREST:
             # if the goal falls faster than the penalty rises, the search would leave the limits
             self.penalty *= _DEARER
-            end = self._descend(end.x, _FIRST, steps)
+            end = self._descend(end.x, _FIRST)
         return end
 
-    def _descend(self, x: np.ndarray, size: float, steps: int) -> End:
+    def _descend(self, x: np.ndarray, size: float) -> End:
         x = np.clip(x, self.low, self.high)
         here = self.judge(x)
         assert here is not None
         idle, fresh = 0, True
         curvature = _definite(here.curvature)
         force: dict[tuple[str, int, int], float] = {}
-        for _ in range(steps):
+        for _ in range(_STEPS):
             step = self._step(x, here, curvature, size)
             if step is None:
                 size *= 0.3

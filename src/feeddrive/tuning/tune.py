@@ -159,7 +159,6 @@ def scattered(
 _SMALLER = ", or take a smaller box of plants (--box), or the model alone (--box none)"
 _AT_ODDS = 5e-3  # of a limit: a violation at the end of all searches with which they are at odds
 _ROUNDS = 12  # rounds in which plants of a box join
-_HASTY = 2  # steps of a descent after which plants that exceed a limit join: where they are hardly depends on the rest
 _JOIN = 2  # plants that join in a round
 _PLENTY = 0.03  # of a logarithm: plants of a box at which every limit has more slack are left out of a search
 _SPARSER = 3.0  # times fewer lines of a plant of a box than of a point with a goal
@@ -344,14 +343,11 @@ class Tuner:
             self.progress.step("worst plants of the box")
             if search.judge(x) is None:
                 x = self._begin(search, x, speeds(control, names))
-            end = search.descend(x, steps=_HASTY)
+            end = search.descend(x)
             x = end.x
+            # more plants do not help where the limits contradict each other at those that have joined
             if self.joined and search.broken(end.judged) > _AT_ODDS:
-                end = search.descend(x)
-                x = end.x
-                # more plants do not help where the limits contradict each other at those that have joined
-                if search.broken(end.judged) > _AT_ODDS:
-                    break
+                break
             search.penalty = PENALTY
             at = tree.vary(control, dict(zip(names, np.exp(x).tolist(), strict=True)))
             at = replace(at, law=at.law.at_one_rate()) if rough else at
