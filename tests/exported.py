@@ -95,17 +95,26 @@ LAWS: dict[str, fd.Loop] = {
 }
 LOOPS: dict[str, fd.Loop] = {
     **LAWS,
-    # the guard lets the axis travel from -0.5 to 0.5 m: on it lie the slope and both held ends
+    # the guard lets the axis travel from -0.5 to 0.5 m: on it lie the slope and both held ends; two payloads at a place
     "gain_schedule": loop(
         ONE,
         fd.blocks.GainSchedule(
-            places=(
-                fd.blocks.SchedulePlace(position=-0.3, law=DADSC),
+            payload=70.0,
+            places=tuple(
                 fd.blocks.SchedulePlace(
-                    position=0.4,
-                    law=dataclasses.replace(DADSC, tracking_rate=90.0, reaching_rate=140.0, adaptation_rate=45.0),
-                ),
-            )
+                    position=position,
+                    loads=(
+                        fd.blocks.ScheduleLoad(payload=0.0, law=law),
+                        fd.blocks.ScheduleLoad(
+                            payload=200.0, law=dataclasses.replace(law, mass=2.0 * MASS, tracking_rate=70.0)
+                        ),
+                    ),
+                )
+                for position, law in (
+                    (-0.3, DADSC),
+                    (0.4, dataclasses.replace(DADSC, tracking_rate=90.0, reaching_rate=140.0, adaptation_rate=45.0)),
+                )
+            ),
         ),
     ),
     "super_twisting": loop(ONE, SUPER_TWISTING),

@@ -103,7 +103,7 @@ PLACES = (
     ),
     _place(
         "altintas2009",
-        "recovery, one pole",
+        "recovery, filter",
         f"{OBSERVER}.disturbance_recovery",
         "DisturbanceRecovery.prepare",
         "return",
@@ -291,7 +291,7 @@ PLACES = (
         "error model, model-free",
         "feeddrive.learning.iterative_feedforward",
         "_inverse",
-        "inverse through return",
+        "back,seen whole rest",
     ),
     _place(
         "wu2017",
@@ -454,6 +454,10 @@ _NO_NUMBERS = {
     "n",
     "columns.shape[1]",
     "whole.sample_time",
+    "setpoint",
+    "smoothed",
+    "self.encoder",
+    "sample.sample_time",
 }
 
 

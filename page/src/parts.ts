@@ -93,3 +93,11 @@ export function copied(title: string, text: string, id: string): HTMLElement {
     make("pre", { tabindex: "0", "aria-label": title }, text),
   );
 }
+
+// Words that a text field offers while one's own may be written; an input names its list by id.
+export function offer(input: HTMLElement, words: string[]): HTMLElement[] {
+  if (!words.length) return [];
+  const id = `${input.id}-offered`;
+  input.setAttribute("list", id);
+  return [make("datalist", { id }, ...words.map((value) => make("option", { value })))];
+}

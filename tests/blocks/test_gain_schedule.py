@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
-from feeddrive.blocks import DADSC, GainSchedule, LinearADRC, PolePlacement, SchedulePlace, TwoMass
+from feeddrive.blocks import DADSC, GainSchedule, LinearADRC, PolePlacement, ScheduleLoad, SchedulePlace, TwoMass
 from feeddrive.blocks.families import Law
 from feeddrive.blocks.signals import Reading, Setpoint
 from feeddrive.language import tree
@@ -136,6 +136,81 @@ def test_the_tunables_are_those_of_the_law_at_each_place() -> None:
     assert scheduled(LAWS["dadsc"], 1.0, 1.0, 1.0).fed() == DADSC.feeds
 
 
+PAYLOADS = (0.0, 200.0, 800.0)  # kg
+
+
+def loaded(law: Law, payload: float, random: np.random.Generator) -> tuple[GainSchedule, np.ndarray]:
+    """A schedule over three positions and three payloads with drawn factors of all numbers, and these factors."""
+    factors = random.uniform(0.7, 1.4, (3, 3))
+    places = tuple(
+        SchedulePlace(
+            position=x,
+            loads=tuple(
+                ScheduleLoad(payload=m, law=scaled(law, float(factor))) for m, factor in zip(PAYLOADS, row, strict=True)
+            ),
+        )
+        for x, row in zip(POSITIONS, factors, strict=True)
+    )
+    return GainSchedule(payload=payload, places=places), factors
+
+
+@pytest.mark.parametrize("name", ["cascade_ppi", "dadsc"])
+def test_with_a_payload_the_numbers_are_linear_in_both_between_measured_pairs(name: str) -> None:
+    """At any payload the schedule is the one over the position with the numbers for this payload, drawn by the test."""
+    random = np.random.default_rng(41)
+    law = LAWS[name]
+    for payload in (*PAYLOADS, *random.uniform(0.0, 800.0, 4)):
+        schedule, factors = loaded(law, float(payload), random)
+        own = [float(np.interp(payload, PAYLOADS, row)) for row in factors]
+        errors = 1e-5 * random.standard_normal(30)
+        positions = np.cumsum(random.uniform(-0.2, 0.25, 30))
+        there, alone = (forces(each, positions, errors) for each in (schedule, scheduled(law, *own)))
+        # rounding of the numbers, through the gains
+        assert np.allclose(there, alone, rtol=1e-9, atol=1e-9 * np.max(np.abs(alone)))
+
+
+def test_a_payload_that_is_set_in_a_running_loop_moves_the_numbers_without_a_bump() -> None:
+    schedule, _ = loaded(LAWS["pole_placement"], 0.0, np.random.default_rng(8))
+    loop = replace(loop_of(schedule), name="x")
+    hold = fd.blocks.StepForce(force=-300.0, start=0.05)
+    still = fd.blocks.LinearMove(distance=1e-9, start=1.5, travel_time=0.1)
+    given = {"load": hold, "duration": 1.2, "start": (1.5, 1.5), "record": ["force"]}
+    run = fd.simulate(loop, still, changes={0.6: {"axis.x.control.law.payload": 700.0}}, **given)
+    late = run["force"][int(0.5 / T) :]
+    # after 0.45 s the integral carries the load; the remaining creep is far below 1 N
+    assert np.max(np.abs(late - 300.0)) < 1.0
+    with pytest.raises(ParameterError, match=r"payload = 801 kg must be between 0 kg and 800 kg, the payloads of plac"):
+        fd.simulate(loop, still, changes={0.6: {"axis.x.control.law.payload": 801.0}}, **given)
+
+
+def test_payloads_that_do_not_fit_their_places_are_refused() -> None:
+    load = [ScheduleLoad(payload=m, law=PPI) for m in (0.0, 300.0)]
+    place = SchedulePlace(position=0.0, loads=tuple(load))
+    other = SchedulePlace(position=1.0, law=PPI)
+    for given, said in (
+        (
+            {"places": (place, replace(place, position=1.0))},
+            "payload is absent: a schedule over the payload needs both",
+        ),
+        ({"payload": 10.0, "places": (other, replace(other, position=2.0))}, "places.0 has one law for all payloads"),
+        ({"payload": 10.0, "places": (place, other)}, "places.1"),
+        ({"payload": 301.0, "places": (place, replace(place, position=1.0))}, "must be between 0 kg and 300 kg"),
+    ):
+        with pytest.raises((ParameterError, StructureError), match=said):
+            GainSchedule(**given)  # type: ignore[arg-type]
+    for given, said in (
+        ({"loads": tuple(load), "law": PPI}, "needs either law or loads, and has both"),
+        ({"loads": tuple(load[:1])}, "holds 1 payloads; it must be 2 to 10"),
+        (
+            {"loads": tuple(load[::-1])},
+            r"loads\.1\.payload = 0 kg must be > 300 kg, the payload of loads\.0: list the lo",
+        ),
+        ({"loads": (load[0], ScheduleLoad(payload=9.0, law=LAWS["dadsc"]))}, "from cascade_ppi to dadsc with the payl"),
+    ):
+        with pytest.raises((ParameterError, StructureError), match=said):
+            SchedulePlace(position=0.0, **given)  # type: ignore[arg-type]
+
+
 MACHINE = """\
 sample_time_us = 250
 [axis.x.plant]
@@ -168,7 +243,11 @@ SECOND = 'position_mm = 1500\nlaw = { kind = "cascade_ppi", Kv = 35, Kp = 2.6e5,
         ("Tn_ms = 28", "Tn_ms = 28, velocity_samples = 2", r"velocity_samples would go from 1 to 2 along the travel"),
         (", Tn_ms = 28", "", r"places\.1\.law\.Tn would be left out along the travel"),
         ("2.6e5", "[2.6e5, 3e5]", r"places\.1\.law\.Kp .* must be a number"),
-        (SECOND, "position_mm = 1500", r"places\.1: schedule_place needs law"),
+        (
+            SECOND,
+            "position_mm = 1500",
+            r"places\.1: schedule_place needs either law or loads, and has neither: give the law",
+        ),
         (SECOND, SECOND.replace("position_mm = 1500\n", ""), r"places\.1: schedule_place needs position"),
         (
             SECOND,

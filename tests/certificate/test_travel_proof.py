@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import travel_draws
-from feeddrive.blocks import DADSC, CascadePPI, GainSchedule, Rigid, SchedulePlace
+from feeddrive.blocks import DADSC, CascadePPI, GainSchedule, Rigid, ScheduleLoad, SchedulePlace
 from feeddrive.blocks.actuator.actuator import Actuator
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.certificate import travel_check, travel_proof
@@ -233,6 +233,44 @@ def test_what_has_no_enclosure_is_refused() -> None:
         prove_along_travel(TRAVEL, CONTROL, sensitivity_peak=0.9)
 
 
+def test_the_proof_of_one_payload_is_that_of_the_gains_for_it() -> None:
+    """A drawn payload between those of the schedule: proven above the largest Ms with it, and refused below it."""
+    random = np.random.default_rng(19)
+    heavy = 120.0  # kg: the light table needs other gains
+    loads = tuple(
+        SchedulePlace(
+            position=place.position,
+            loads=(
+                ScheduleLoad(payload=0.0, law=place.law),
+                ScheduleLoad(payload=heavy, law=replace(place.law, Kp=2.5 * place.law.Kp)),
+            ),
+        )
+        for place in schedule().places
+    )
+    control = Control(law=GainSchedule(payload=0.0, places=loads))
+
+    def carrying(x: float, m: float) -> Loop:
+        loop = rigid(x)
+        return replace(loop, axis=replace(loop.axis, plant=replace(loop.axis.plant, mass=100.0 + 60.0 * x + m)))
+
+    travel = Travel.of({(x, m): carrying(x, m) for x in (0.0, 0.4, 1.0) for m in (0.0, 50.0, heavy)})
+    with pytest.raises(ParameterError, match=r"is that of one payload: take travel\.with_payload\(m\)"):
+        prove_along_travel(travel, control)
+    payload = float(random.uniform(20.0, 100.0))
+    worst = 0.0
+    for x in np.linspace(0.0, 1.0, 21):
+        loop = replace(carrying(float(x), payload), control=frozen(control, float(x), payload))
+        model = linearize(loop, ["cut"], ["force"])
+        lines = np.geomspace(1.0, 0.5 / T, 4000)
+        worst = max(worst, float(np.max(1.0 / np.abs(1.0 - model.response(lines, "force", "cut").response))))
+    one = travel.with_payload(payload)
+    above = prove_along_travel(one, control, sensitivity_peak=1.005 * worst, speed=False)
+    assert above.proven is True
+    assert f"each frozen with a payload of {payload:.4g}"[:-2] in above.claim
+    assert above.record()["payload_kg"] == payload
+    assert prove_along_travel(one, control, sensitivity_peak=0.998 * worst, speed=False).proven is False
+
+
 @pytest.mark.slow(reason="proofs of two drawn axes and 200 draws of each take 20 s")
 def test_draws_do_not_contradict_the_proofs() -> None:
     draws = travel_draws.load()
@@ -242,3 +280,15 @@ def test_draws_do_not_contradict_the_proofs() -> None:
         row = draws.judged(axis, random, 200, 20, 4000)
         assert row["verdict"] == "proven"
         assert not draws.contradicted(row)
+
+
+@pytest.mark.slow(reason="a proof of a drawn axis and 200 draws of each take 20 s")
+@pytest.mark.parametrize(("law", "payloads"), [("linear_adrc", False), ("cascade_ppi", True)])
+def test_draws_do_not_contradict_the_proofs_of_another_law_and_of_a_payload(law: str, payloads: bool) -> None:
+    draws = travel_draws.load()
+    random = np.random.default_rng(14)
+    rows = []
+    while len(rows) < 1:
+        row = draws.judged(draws.drawn(random, law, payloads=payloads), random, 200, 20, 4000)
+        rows += [row] if row["verdict"] == "proven" else []
+    assert not draws.contradicted(rows[0])

@@ -329,6 +329,7 @@ UNWRITTEN = {
     "offsets",
     "tables_inch",
     "skip_deleted",
+    "dialect",
     "recorded",
     "columns",
     "average",

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records, Records2
+from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records, Records2, records
 
 
 class Ramp(NamedTuple):
@@ -165,3 +165,25 @@ def record_errors(stretches: Records[Stretch], i: int, x: float) -> Stretch:
     if stretch.begin > 1e6:
         raise ValueError("too steep")
     return stretch
+
+
+_TWO = 2
+
+
+@kernel
+def record_local(ramp: Ramp, stretch: Stretch, x: float, i: int) -> tuple[float, bool, Ramp]:
+    """Arrays of records of its own, cleared at each call, given to others."""
+    ramps = records(Ramp, 3)
+    table = records(Stretch, _TWO, 3)
+    before = ramps[i].rise + table[0, i].end
+    ramps[i] = ramp
+    table[1, i] = stretch._replace(up=ramps[-1])
+    row = table[1]
+    row[0] = record_of_rows(ramps, row, x)
+    return before, table[1][i].held, ramps[0]
+
+
+@kernel
+def record_of_rows(ramps: Records[Ramp], row: Records[Stretch], x: float) -> Stretch:
+    ramps[0] = Ramp(x / ramps[1].time, row[0].begin)
+    return row[len(row) - 1]

@@ -12,13 +12,13 @@ import pytest
 from kernel_records import Counted, Ramp, Stretch
 
 from feeddrive.language.kernels.kernel import THOROUGH, interpreted
-from feeddrive.language.kernels.source import KernelError, columns, rows_for
+from feeddrive.language.kernels.source import KernelError, by_field, columns, rows_for
 from kernel_oracle import written
 
 HEAD = """
 from typing import NamedTuple
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records, Records2
+from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records, Records2, records
 
 class Ramp(NamedTuple):
     rise: float
@@ -106,6 +106,16 @@ REFUSED = {
     "a, b, c = other(ramp, x)": ("2 values for 3 names", "a value"),
     "a, b = table": ("of type Records[Stretch]", "a tuple or a row"),
     "if x > 0.0:\n        y = ramp\n    x = y.rise": ("'y' is read where", "before"),
+    "y = records(Ramp, i)": ("'i' is no fixed size", "whole numbers"),
+    "y = records(Ramp)": ("'records(Ramp)'", "one or two sizes"),
+    "y = records(Ramp, 2, 2, 2)": ("'records(Ramp, 2, 2, 2)'", "one or two sizes"),
+    "y = records(Ramp, 129)": ("'records(Ramp, 129)'", "256 numbers at most"),
+    "y = records(3)": ("'records(3)'", "name = records(Record, 3)"),
+    "y = records(Counted, 3)": ("fits no row", "keep whole numbers"),
+    "y = records(Wrong, 3)": ("the field 'name' of 'Wrong'", "write float"),
+    "if x > 0.0:\n        y = records(Ramp, 3)": ("'y = records(Ramp, 3)'", "outside of loops and branches"),
+    "y = len(records(Ramp, 3))": ("'records(Ramp, 3)' makes an array here", "name = records(Record, 3)"),
+    "y = records(Ramp, 3)\n    y = table": ("of type Records[Ramp] and is given Records[Stretch]", "another name"),
     "y = row\n    y = table": ("'y' is of type Floats and is given Records[Stretch]", "another name"),
 }
 
@@ -223,3 +233,23 @@ def test_a_record_costs_nothing(tmp_path: Path):
     plain = head.format("Floats2") + loop.format("table[k, 0]", "total, table[k, 0]")
     counts = [made(tmp_path, text).unit.text(THOROUGH).count("\n") for text in (record, plain)]
     assert counts[0] < counts[1], "a row needs no check of its length"
+
+
+def test_the_columns_of_an_array_as_one_record():
+    """Views, nested as the record is; bools are true where the number is not 0."""
+    rows = rows_for(Stretch, 4)
+    rows[:] = np.arange(28.0).reshape(4, 7)
+    rows[:, 3] = 0.0, 1.0, 2.0, 0.0
+    stretches = by_field(Stretch, rows)
+    assert stretches.held.tolist() == [False, True, True, False]
+    for k in range(4):
+        here = Stretch(
+            stretches.begin[k],
+            Ramp(stretches.up.rise[k], stretches.up.time[k]),
+            bool(stretches.held[k]),
+            Ramp(stretches.down.rise[k], stretches.down.time[k]),
+            stretches.end[k],
+        )
+        assert columns(here) == [*rows[k, :3], float(rows[k, 3] != 0.0), *rows[k, 4:]]
+    stretches.up.time[1] = 100.0
+    assert rows[1, 2] == 100.0

@@ -22,7 +22,7 @@ import pytest
 from feeddrive.language import ops
 from feeddrive.language.kernels import kernel as module
 from feeddrive.language.kernels.elementary import floor_division
-from feeddrive.language.kernels.kernel import QUICK, THOROUGH, Kernel, Unit, _address, interpreted
+from feeddrive.language.kernels.kernel import _DATA, _WORD_AT, QUICK, THOROUGH, Kernel, Unit, interpreted
 from feeddrive.language.kernels.source import KernelError
 from fresh_draws import Seeded
 from kernel_oracle import bits, compare, drawn, written
@@ -351,7 +351,7 @@ def test_the_address_of_an_array_is_that_of_its_first_cell(tmp_path: Path):
     """As numpy says it: of whole arrays, views, those of a file and those of no cell."""
     mapped = np.memmap(tmp_path / "cells", dtype=np.float64, mode="w+", shape=(4, 2))
     for each in (np.ones((4, 3)), np.ones((4, 3))[2:], np.ones(7)[3:5], mapped, mapped[1:], np.zeros((0, 3))):
-        assert _address(each) == each.__array_interface__["data"][0]
+        assert _WORD_AT(id(each) + _DATA).value == each.__array_interface__["data"][0]
 
 
 def test_writing_through_rows_and_called_kernels_counts_as_writing():

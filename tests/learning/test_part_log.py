@@ -101,6 +101,31 @@ def test_what_rests_is_not_learned() -> None:
     assert np.max(np.abs(learned.correction.forces["x"] - last.forces["x"])) < 0.5
 
 
+def test_what_is_learned_ends_in_a_rest_and_becomes_less_from_part_to_part() -> None:
+    """An error while the axis moves adds no force 1 ms off the motion, where the splines of 10 ms alone would."""
+    velocity = np.abs(np.asarray(PLAN["x"].velocity))
+    error = np.where(velocity > 1e-3, 1e-6, 0.0)
+    log = replace(LOG, position={axis: path.position - (error if axis == "x" else 0.0) for axis, path in PLAN.items()})
+    start = correct_by_plan(machine(), PLAN)
+    added: list[np.ndarray] = []
+    for passes in (0, 1, 2, 3):
+        last = replace(start, passes=passes)
+        learned = learn_from_log(machine(), PLAN, log, last=last).correction
+        assert learned.passes == passes + 1
+        added.append(learned.forces["x"] - last.forces["x"])
+    moving = np.flatnonzero(velocity > 1e-9)
+    far = np.ones(velocity.size, bool)
+    far[moving] = False
+    reach = round(1e-3 / T)
+    for k in range(1, reach + 1):
+        far[np.minimum(moving + k, far.size - 1)] = far[np.maximum(moving - k, 0)] = False
+    assert np.any(far)
+    assert np.all(np.abs(added[0][far]) < 1e-9)
+    assert np.max(np.abs(added[0])) > 1.0
+    for before, after, ratio in zip(added, added[1:], (1.0, 0.7, 0.7), strict=False):
+        assert after == pytest.approx(ratio * before, abs=1e-9)
+
+
 def test_signs_in_the_control_are_left_to_the_log() -> None:
     """The control feeds friction by signs: the first log teaches a force and no share."""
     block = DisturbanceCompensator(mass=150.0, coulomb_positive=60.0, coulomb_negative=60.0)
@@ -108,6 +133,9 @@ def test_signs_in_the_control_are_left_to_the_log() -> None:
     given = Machine.of(signs)
     learned = learn_from_log(given, PLAN, logged(given))
     assert not learned.shares
+    # no force along the plan is there at the start, so that the force learned for it begins in the rest
+    rest = np.abs(np.asarray(PLAN["x"].velocity)) < 1e-9
+    assert np.max(np.abs(learned.correction.forces["x"][rest])) > 1.0
     assert float(np.max(np.abs(learned.correction.forces["x"]))) > 1.0
 
 

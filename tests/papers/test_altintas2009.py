@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from documented import claims_documented
+from documented import claims_documented, loose, misstated
 from feeddrive.blocks.compensation.machine_mode import MachineMode
 from feeddrive.blocks.controller.dadsc import DADSC
 from feeddrive.blocks.feedforward.inertia import Inertia
@@ -41,6 +41,14 @@ def experiment() -> Experiment:
 
 def test_every_claim_holds(experiment: Experiment) -> None:
     assert not [(claim.key, claim.claim, claim.shown, claim.bounds) for claim in experiment.broken]
+
+
+def test_no_claim_accepts_anything_on_one_side_without_a_reason(experiment: Experiment) -> None:
+    assert not loose(experiment.claims)
+
+
+def test_the_bounds_are_those_that_the_words_state(experiment: Experiment) -> None:
+    assert not misstated(experiment.claims)
 
 
 def test_the_documentation_states_how_many_claims_there_are(experiment: Experiment) -> None:

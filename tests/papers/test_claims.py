@@ -9,11 +9,23 @@ from pathlib import Path
 
 import pytest
 
-from documented import DOCS, claims_documented
+from documented import DOCS, claims_documented, loose
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.table import Table
 from feeddrive.papers import claims as papers
-from feeddrive.papers.claims import Claim, Experiment, Reproduced, chosen, paper_report, write_reproduced
+from feeddrive.papers.claims import (
+    ORDER,
+    Claim,
+    Experiment,
+    Reproduced,
+    chosen,
+    kept,
+    paper_report,
+    printed,
+    quotient,
+    within,
+    write_reproduced,
+)
 from feeddrive.report.page import html
 
 
@@ -44,6 +56,28 @@ def test_figures_are_shown_with_four_digits_and_their_unit() -> None:
     assert str(shown.shown) == "1.235e-07 um"
     assert shown.bounds == "1e-10 to 1 um"
     assert claim(1.0).bounds == "any number um"
+
+
+def test_a_claim_with_one_bound_says_why() -> None:
+    """But for a difference within rounding, 1e-4 in SI units, which is 100 µm; 2 % is more than that."""
+    assert loose([claim(1.0, 0.5), claim(1.0, None, 200.0), Claim("1.a", "c", "r", 1.0, most=2.0, unit="%")])
+    assert len(loose([claim(1.0, 0.5), claim(0.0, None, 0.0), claim(2.0, 1.0, 3.1)])) == 3
+    assert loose([claim(1.0, None, 150.0)])
+    assert not loose([claim(1.0, None, 80.0), claim(2.0, 1.0, 3.0), claim(0.1, 0.0, 1.0)])
+    order = replace(claim(1.0, 0.5), one_sided=ORDER)
+    assert not loose([order])
+    assert order.cells()[3] == "at least 0.5 um; an order, for which no figure was given"
+
+
+def test_a_printed_figure_is_known_to_half_a_unit_of_its_last_digit() -> None:
+    for figure, low, high in (("0.179", 0.1785, 0.1795), ("118", 117.5, 118.5), ("7.2e-9", 7.15e-9, 7.25e-9)):
+        assert printed(figure) == pytest.approx((low, high), rel=1e-12)
+    assert quotient("286", "118") == pytest.approx((285.5 / 118.5, 286.5 / 117.5), rel=1e-12)
+    assert quotient("286", "118", 0.2) == pytest.approx((0.8 * 285.5 / 118.5, 1.2 * 286.5 / 117.5), rel=1e-12)
+    each = (0.8 * 285.5 / (1.4 * 118.5), 1.2 * 286.5 / (0.6 * 117.5))
+    assert quotient("286", "118", 0.2, known_below=0.4) == pytest.approx(each, rel=1e-12)
+    assert within(2.0, 0.25) == (1.5, 2.5)
+    assert kept(2.0) == pytest.approx((1.8, 2.2), rel=1e-12)
 
 
 def experiment(*claims: Claim) -> Experiment:

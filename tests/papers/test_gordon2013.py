@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from documented import claims_documented
+from documented import claims_documented, loose
 from feeddrive.papers.claims import Experiment
 from feeddrive.papers.gordon2013 import gordon2013
 from feeddrive.papers.gordon2013.frequency import EXPECTED, NAMED, Linear
@@ -34,6 +34,10 @@ def test_claims_hold(letter: str) -> None:
     claims = [claim for claim in experiment().claims if claim.key.startswith(f"2.{letter}")]
     assert len(claims) == LETTERS[letter]
     assert not [claim.cells() for claim in claims if not claim.holds]
+
+
+def test_no_claim_accepts_anything_on_one_side_without_a_reason() -> None:
+    assert not loose(experiment().claims)
 
 
 def test_the_documentation_states_how_many_claims_there_are() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from documented import DOCS
+from documented import DOCS, loose
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.identification.response.plant_fit import PlantFit
 from feeddrive.language import tree
@@ -96,6 +96,7 @@ def test_a_log_on_another_clock_is_refused(tmp_path: Path) -> None:
 def test_every_claim_holds_and_the_page_has_its_figures() -> None:
     found = bench(LOG, Progress())
     assert len(found.claims) == 13
+    assert not loose(found.claims)
     assert not [(claim.key, claim.shown, claim.bounds) for claim in found.claims if not claim.holds]
     page = Reproduced(found).page
     assert "Nothing was measured under these laws" in page

@@ -8,14 +8,25 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from documented import claims_documented
+from documented import claims_documented, loose
 from feeddrive.blocks.friction.regularised import Regularised
 from feeddrive.language.progress import Progress
 from feeddrive.learning.trials import learn_signal
 from feeddrive.loop.simulate import samples
 from feeddrive.papers.claims import Claim, Experiment, paper_report
 from feeddrive.papers.wu2017 import shipped, testbed, wu2017
-from feeddrive.papers.wu2017.learning import EXPECTED, _driven, _learned, _signal, _trials, circle, pulsed, strong
+from feeddrive.papers.wu2017.learning import (
+    EACH,
+    EXPECTED,
+    KNOWN,
+    _driven,
+    _learned,
+    _signal,
+    _trials,
+    circle,
+    pulsed,
+    strong,
+)
 from feeddrive.papers.wu2017.rates import identity_error
 from feeddrive.report.page import html
 
@@ -31,6 +42,11 @@ def experiment() -> Experiment:
 @learning
 def test_every_claim_holds(experiment: Experiment) -> None:
     assert not [(claim.key, claim.claim, claim.shown, claim.bounds) for claim in experiment.broken]
+
+
+@learning
+def test_no_claim_accepts_anything_on_one_side_without_a_reason(experiment: Experiment) -> None:
+    assert not loose(experiment.claims)
 
 
 @learning
@@ -54,6 +70,10 @@ def test_errors_over_the_trials_are_those_of_an_independent_program(experiment: 
         for found, wanted in zip(rows[name, "same"][2:8], steps, strict=False):
             assert found == pytest.approx(1e-6 * wanted, rel=0.12), name
         assert rows[name, "changing"][7] == pytest.approx(1e-6 * last, rel=0.12), name
+
+
+def test_the_words_state_how_well_an_error_is_known() -> None:
+    assert EACH.startswith(f"each known to {100.0 * KNOWN:.0f} %")
 
 
 def test_the_identity_holds_to_rounding() -> None:

@@ -12,7 +12,7 @@ from paths import LIMITS, lines
 from test_plan_program import LOGS, logged, moving, proven
 
 from feeddrive.language.kernels.kernel import interpreted
-from feeddrive.path.geometry.joints import Joiner, Joint, join, joined
+from feeddrive.path.geometry.joints import Ended, Joiner, Joint, join, joined
 from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.motion import LINE, Part, Pieces, Section, derivatives, part_of_pieces
 from feeddrive.path.program.moves import Feed, Move, PathMode
@@ -239,9 +239,9 @@ def test_a_spline_that_cannot_go_on_stops_behind_the_lines_it_knows(monkeypatch:
     segments = lines(corners, 0.1)
     calls = []
 
-    def fails_once(*given: object) -> tuple[int, int, int, float, int, int]:
+    def fails_once(*given: object) -> Ended:
         calls.append(1)
-        return (0, 0, -1, 0.0, 0, 0) if len(calls) == 12 else join(*given)  # pyright: ignore[reportArgumentType]
+        return Ended(0, 0, -1, 0.0, 0, 0) if len(calls) == 12 else join(*given)  # pyright: ignore[reportArgumentType]
 
     monkeypatch.setattr("feeddrive.path.geometry.joints.join", fails_once)
     sections, deviation, _ = streamed(segments, 5e-6, 50, 200)

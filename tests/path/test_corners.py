@@ -12,10 +12,10 @@ from paths import LIMITS, arc, joined_up, lines, random_limits
 from feeddrive.language.kernels.kernel import interpreted
 from feeddrive.path.geometry.joints import Joiner, joined
 from feeddrive.path.geometry.segments import Chain
-from feeddrive.path.motion import Motion, Part, Pieces
+from feeddrive.path.motion import Motion, Part, Pieces, direction
 from feeddrive.path.proof import Proof, Prover
 from feeddrive.path.schedule import corner as planner
-from feeddrive.path.schedule.corner import ROWS, Crossings, overlapped, shared, straight, width
+from feeddrive.path.schedule.corner import ROWS, Crossings, LineStretch, Node, overlapped, shared, straight, width
 from feeddrive.path.schedule.run import Schedule, plan_run
 from feeddrive.path.setpoints import Sampler
 from fresh_draws import Seeded
@@ -149,7 +149,7 @@ def test_a_short_overlap_lasts_as_long_as_the_closed_form(lasts: float):
 def test_phases_that_end_within_1e_12_of_an_overlap_end_together(apart: float, count: int):
     one, two = np.zeros((2, 6)), np.zeros((2, 6))
     one[:, 0], two[:, 0] = (0.5, 0.5), (0.5 + apart, 0.5 - apart)
-    assert shared(one, two, 1.0, np.zeros((4, 6)), np.zeros((4, 6)), np.zeros(6))[0] == count
+    assert shared(one, two, 1.0, np.zeros((4, 6)), np.zeros((4, 6))).common == count
 
 
 def test_arcs_overlap_in_corners_as_lines_do():
@@ -215,10 +215,11 @@ def test_a_bump_that_is_too_short_or_too_long_is_seen(factor: float, said: str):
     def parts(wide: float) -> list[Part]:
         made = list[Part]()
         for number, pieces in enumerate(runs):
-            room = (LIMITS[0, 1:] / np.abs(pieces.shape[0, :, 1] / pieces.length[0]).max()).tolist()
-            corner, rest = [speed, wide, short, 0.85, 0.5], [0.0, 0.0, 0.0, 1.0, 1.0]
+            room = (LIMITS[0, 1:] / np.abs(direction(pieces, 0)).max()).tolist()
+            corner, rest = Node(speed, wide, short, 0.85, 0.5), Node(0.0)
             rows = np.zeros((ROWS, 6))
-            n = straight(np.array([pieces.length[0], 0.15, *room, *(rest + corner, corner + rest)[number]]), rows)
+            ends = (rest, corner) if number == 0 else (corner, rest)
+            n = straight(LineStretch(pieces.length[0], 0.15, *room, *ends), rows)
             columns = [rows[:n, 0], np.zeros(n, np.int64), *rows[:n, 1:].T]
             made.append(Part(pieces, Motion(*(each.copy() for each in columns)), True))
         leaves, rest = overlapped(made[0], made[1], 2.0 * wide + short, 1.0001e-5)

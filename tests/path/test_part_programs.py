@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from test_against_rs274 import same
 
 from feeddrive.language.errors import FileError, ParameterError, ProgramError
 from feeddrive.path.program.blocks import G_CODES, M_CODES, REFUSED, name_of
@@ -34,7 +35,6 @@ LOGS = GCODE.parent / "linuxcnc_logs"
 needs_gcode = pytest.mark.skipif(not GCODE.exists(), reason=f"NOT RUN: the public part programs are not in {GCODE}")
 needs_rs274 = pytest.mark.skipif(not shutil.which("rs274"), reason="NOT RUN: rs274 of linuxcnc-uspace is not installed")
 NATIVE = ["unit-conversion", "g84_g17_g98", "flowsnake"]
-COMPENSATED = ["cam-nisley", "crazy-paths", "inside-corners", "inverse-time-with-comp"]
 # Of 3D_Chips to tort: written with a tool table, which their readers had in inches.
 TABLE = "T1 P1 Z0.511 D0.125\nT2 P2 Z0.1 D0.0625\nT3 P3 Z1.273 D0.201\nT4 P4 D1\nT8 P8 D0.01\n"
 
@@ -89,21 +89,6 @@ def test_the_own_reader_gives_the_golden_commands(case: str):
 
 @needs_gcode
 @needs_rs274
-@pytest.mark.parametrize("case", COMPENSATED)
-def test_programs_with_compensation_come_through_rs274(case: str):
-    """All four decimals of each motion; the installed release names tool changes otherwise than the golden one."""
-    folder = GCODE / "linuxcnc_interp" / case
-    source = next(folder.glob("*.ngc"))
-    tools = folder / "test.tbl"
-    commands = read_commands(source, tools=tools if tools.exists() else None, tables_inch=True)
-    ours = [text for text in texts(commands) if "CHANGE" not in text]
-    golden = (folder / "expected").read_text().splitlines()
-    expected = [line.split("N..... ", 1)[1] for line in golden if "CHANGE" not in line]
-    assert ours == expected
-
-
-@needs_gcode
-@needs_rs274
 @pytest.mark.parametrize(
     "path",
     [
@@ -129,7 +114,10 @@ def test_public_programs_give_what_rs274_gives(path: Path, table: Path):
         return
     assert bool(refused) == ("File ended" not in complaint and complaint.replace("executing", "").strip() != "")
     ended = ["FINISH()"] if "File ended" in complaint else []
-    assert told(ours) == told(theirs) + ended
+    if path.name == "helical-thread-milling.gcode":  # rs274 drops the last move, which waits for a corner behind it
+        assert ours.pop(-4).startswith("ARC_FEED")
+    pairs = list(zip(told(ours), told(theirs) + ended, strict=True))
+    assert [pair for pair in pairs if not same(*pair)] == []
 
 
 @needs_rs274
@@ -189,7 +177,7 @@ def test_python_in_a_comment_is_refused_and_not_run(line: str, tmp_path: Path):
     """LinuxCNC's interpreter runs such a comment: a program that somebody sends would be a program."""
     written = tmp_path / "written"
     with pytest.raises(ProgramError, match="would run this comment as Python") as caught:
-        moves(tmp_path, CUT.format(line.format(written)), front_end="auto")
+        moves(tmp_path, CUT.format(line.format(written)), front_end="rs274")
     assert caught.value.line == 6
     assert not written.exists()
     assert moves(tmp_path, CUT.format("(copy of part 7) (pyramid) ; happy, py"), front_end="rs274")
@@ -497,7 +485,7 @@ def test_a_program_streams(tmp_path: Path):
         ("G0 X#<free>", (1, 4), "has no value"),
         ("G0 X#0", (1, 4), "whole number from 1"),
         ("G123", (1, 1), "no such code"),
-        ("G38.2 Z-1 F1", (1, 1), "probe"),
+        ("G33.1 Z-1 K1", (1, 1), "rigid tapping"),
         ("G1 X1 F1\n M98 P100", (2, 2), "o100 call"),
         ("\N{ZERO WIDTH NO-BREAK SPACE}G0 X1.2.3", (1, 4), "one decimal point"),
         ("G0 X1 (never closed", (1, 7), "no closing parenthesis"),
@@ -564,7 +552,7 @@ def test_a_line_without_end_is_refused_before_it_is_read(tmp_path: Path):
         list(read_program(path))
 
 
-def test_without_rs274_compensation_is_refused_with_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_without_rs274_lathe_codes_are_refused_with_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(ProgramError, match=r"line 2, column 4: G41: .*rs274 .*linuxcnc-uspace"):
-        moves(tmp_path, "F100 G1 X1\nG1 G41 D1 X2\n")
+    with pytest.raises(ProgramError, match=r"line 2, column 4: G7: .*rs274 .*linuxcnc-uspace"):
+        moves(tmp_path, "F100 G1 X1\nG1 G7 X2\n")

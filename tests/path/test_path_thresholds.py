@@ -19,12 +19,21 @@ from paths import LIMITS, arc, joined_up, lines
 
 from feeddrive.language.errors import ParameterError, ProgramError
 from feeddrive.language.kernels.kernel import interpreted
+from feeddrive.language.kernels.source import by_field, columns
 from feeddrive.path import planned, setpoints
-from feeddrive.path.geometry.cluster import _prepared, clustered, envelope, place_knots
+from feeddrive.path.geometry.cluster import (
+    Goals,
+    _prepared,
+    cluster_room,
+    clustered,
+    envelope,
+    lines_room,
+    place_knots,
+)
 from feeddrive.path.geometry.joints import Joiner, joined
-from feeddrive.path.geometry.segments import Chain, blend_at, chains, goes_on
+from feeddrive.path.geometry.segments import Chain, blend_at, blend_room, chains, goes_on
 from feeddrive.path.limits import AxisLimits, MachineLimits
-from feeddrive.path.motion import LINE, POLYNOMIAL, Motion, Part, Pieces, Section
+from feeddrive.path.motion import LINE, POLYNOMIAL, Motion, Part, Piece, Pieces, Section, piece_of
 from feeddrive.path.program.blocks import BlockError, Parameters, Values, read_block
 from feeddrive.path.program.interpreter import Flow
 from feeddrive.path.program.moves import Command, Feed, Line, PathMode, Spline, Straight
@@ -368,18 +377,17 @@ def test_eight_slow_pieces_of_a_stretch_are_tried_as_plateaus(monkeypatch: pytes
 def test_speed_limits_within_a_thousandth_are_made_equal(ratio: float, level: bool) -> None:
     pieces = lines(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]]), 0.1)
     caps = np.zeros((2, 2))
-    feed = pieces.feed * [1.0, ratio]
-    pieces_room(pieces.kind, pieces.length, pieces.shape, feed, LIMITS, 0.9, 0.6, np.zeros((2, 3, 4)), caps)
+    pieces = pieces._replace(feed=pieces.feed * [1.0, ratio])
+    pieces_room(pieces, 1.0, LIMITS, 0.9, 0.6, np.zeros((2, 3, 4)), caps)
     assert bool(caps[0, 0] == caps[1, 0]) is level
 
 
 @pytest.mark.parametrize(("length", "count"), [(3e-15, 0), (6e-15, 1)])
 def test_a_plateau_shorter_than_the_rounding_of_its_path_is_left_out(length: float, count: int) -> None:
     """The path is 1 m long, and u is rounded to some 1e-16 m at each step."""
-    rows, motion = np.zeros((1, 11)), [np.zeros(15) for _ in range(7)]
-    rows[0, :5] = 0.5, 0.5 + length, 0.1, 0.1, 0.1
-    motion[1] = np.zeros(15, np.int64)
-    assert timed(np.array([0.0, 1.0]), rows, 1, *motion) == count
+    stretches = np.array([columns(plan.Stretch(0.5, 0.5 + length, 0.1, 0.1, peak=0.1))])
+    motion = Motion(np.zeros(15), np.zeros(15, np.int64), *(np.zeros(15) for _ in range(5)))
+    assert timed(np.array([0.0, 1.0]), stretches, motion) == count
 
 
 # faults, samples, stops and causes
@@ -484,12 +492,11 @@ def test_a_blend_has_eight_pieces() -> None:
 def test_the_bound_of_a_blend_with_an_arc_is_at_most_two_percent_above_its_deviation() -> None:
     """Against dense points of a blend of 0.1 m for a jump of curvature of 1/m; less than 1 % would cost more parts."""
     pieces = joined_up(polyline([(-1.0, 0.0), (0.0, 0.0)]), arc((0.0, 1.0), 1.0, -0.5 * math.pi, 0.0, 0.1))
-    line, bow = zip(pieces.kind.tolist(), pieces.length.tolist(), pieces.shape, strict=True)
-    room, blend = [np.zeros((3, n)) for n in (4, 4, 8, 8, 8)], np.zeros((3, 8))
-    bound = blend_at(*line, *bow, 0.05, 2.0, *room, blend)
+    room = blend_room(3)
+    bound = blend_at(piece_of(pieces, 0), piece_of(pieces, 1), 0.05, 2.0, room)
     u = np.linspace(-0.05, 0.05, 2001)
     after = np.maximum(u, 0.0)
-    path = np.polynomial.polynomial.polyval(10.0 * (u + 0.05), blend.T) + np.array([[-0.05], [0.0], [0.0]])
+    path = np.polynomial.polynomial.polyval(10.0 * (u + 0.05), room.blended.T) + np.array([[-0.05], [0.0], [0.0]])
     segments = np.stack([np.minimum(u, 0.0) + np.sin(after), 1.0 - np.cos(after), 0.0 * u])
     assert 1.008 < bound / np.max(np.linalg.norm(path - segments, axis=0)) < 1.02
 
@@ -532,8 +539,8 @@ def test_derivatives_that_agree_to_1e_12_of_them_go_on(apart: float, smooth: boo
     """Of r' = 1: the tolerance is 1e-12 of 1 + |r'|."""
     shape = np.zeros((2, 1, 8))
     shape[:, 0, 1] = 1.0, 1.0 + apart
-    a, b = np.zeros((1, 5)), np.zeros((1, 5))
-    assert goes_on(0, np.full(2, POLYNOMIAL), np.ones(2), shape, a, b) is smooth
+    one, two = (Piece(POLYNOMIAL, 1.0, each) for each in shape)
+    assert goes_on(one, two, np.zeros((1, 5)), np.zeros((1, 5))) is smooth
 
 
 # clusters
@@ -541,13 +548,13 @@ def test_derivatives_that_agree_to_1e_12_of_them_go_on(apart: float, smooth: boo
 
 @pytest.mark.parametrize(("step", "count"), [(0.4, 2), (0.5, 1)])
 def test_steps_grow_by_35_percent_of_the_way(step: float, count: int) -> None:
-    at, goal = np.zeros(2), np.zeros(2)
-    assert envelope(np.array([0.0, 1.0]), np.array([0.1, step]), 2, at, goal) == count
+    given = Goals(np.array([0.0, 1.0]), np.array([0.1, step]))
+    assert envelope(given, 2, Goals(np.zeros(2), np.zeros(2))) == count
 
 
 def test_the_last_twenty_steps_are_fitted_to_the_end() -> None:
     knots = np.zeros(60)
-    count = place_knots(np.zeros(1), np.ones(1), 1, 0.01, 0.3005, 0, 50, knots)
+    count = place_knots(Goals(np.zeros(1), np.ones(1)), 1, 0.01, 0.3005, 0, 50, knots)
     moved = np.flatnonzero(np.abs(np.diff(knots[5 : 6 + count]) - 0.01) > 1e-9)
     assert count == 31
     assert 9 < moved[0] < 14
@@ -557,7 +564,7 @@ def marked(points: list[tuple[float, float]]) -> np.ndarray:
     """Joints that belong to a cluster, with a tolerance of 1 mm."""
     pieces, inside = polyline(points), np.zeros(len(points) - 1, np.int64)
     tolerance = np.full(len(points) - 1, 1e-3)
-    clustered(pieces.kind, pieces.length, pieces.shape, tolerance, 0.35, 4.5, np.zeros((3, 3)), inside)
+    clustered(pieces, tolerance, 0.35, 4.5, cluster_room(1, 3), inside)
     return inside
 
 
@@ -582,10 +589,9 @@ def test_a_sharp_corner_between_ten_tolerances_that_look_straight_ends_a_cluster
 
 @pytest.mark.parametrize(("turn", "groups"), [(0.7e-13, 1), (1.5e-13, 2)])
 def test_lines_within_1e_13_have_one_direction(turn: float, groups: int) -> None:
-    pieces, room = polyline([(0.0, 0.0), (1.0, 0.0), (2.0, turn)]), [np.zeros(3), np.zeros(4)]
-    group, slope, ahead = np.zeros(2, np.int64), np.zeros((2, 3)), np.zeros(3)
-    _prepared(0, 1, 0.0, pieces.length, pieces.shape, np.full(2, 1e-3), room[0], room[1], group, slope, ahead)
-    assert len(set(group.tolist())) == groups
+    made = lines_room(polyline([(0.0, 0.0), (1.0, 0.0), (2.0, turn)]))
+    _prepared(made, np.full(2, 1e-3), 0, 1, 0.0, np.zeros(3))
+    assert len(set(made.group.tolist())) == groups
 
 
 def wave(length: float, count: int) -> list[tuple[float, float]]:
@@ -686,7 +692,7 @@ def knot_times(duration: np.ndarray, speed: float, acceleration: float) -> np.nd
     x = begin[:-1] * (speed + 0.5 * acceleration * begin[:-1])
     motion = Motion(duration, np.zeros(len(duration), np.int64), x, speeds[:-1], rest + acceleration, rest, rest)
     path = lift._Path(lines(np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]]), 10.0), LIMITS)
-    return path._spline(motion, np.array([speeds[-1], acceleration, 0.0]), 0)[0]
+    return path._spline(motion, spline.State(speeds[-1], acceleration, 0.0), 0)[0]
 
 
 def test_the_four_time_intervals_of_half_a_ramp_have_seven_spans() -> None:
@@ -735,7 +741,8 @@ def test_the_limits_hold_at_the_start_and_the_end_of_each_span() -> None:
     knots = np.concatenate([inner[:1].repeat(3), inner, inner[-1:].repeat(3)])
     points = lift._Path(pieces, LIMITS)._points(10.0 * (inner - inner[0]), knots)
     assert np.unique(points.span, return_counts=True)[1].tolist() == [2] * 8
-    assert len({(int(k), *row) for k, row in zip(points.span, points.row[:, 0].tolist(), strict=True)}) == 16
+    weights = by_field(spline.Basis, points.row).z
+    assert len({*zip(points.span.tolist(), *(np.asarray(each).tolist() for each in weights), strict=True)}) == 16
 
 
 @pytest.mark.parametrize(("count", "parts"), [(25, 0), (40, 2)])
@@ -768,8 +775,11 @@ def test_a_limit_whose_proof_fails_is_lowered_by_two_percent_nearby(monkeypatch:
     monkeypatch.setattr(lift, "faults_of", faults)
     part = Part(wavy(), plan_run(wavy(), LIMITS), True)
     assert [*Lifter(LIMITS).add(part)]
-    lowered = np.max(scaled[2][:, 0, :2] / np.where(scaled[1][:, 0, :2] == 0.0, np.inf, scaled[1][:, 0, :2]))
-    assert 1.015 < lowered < 1.03
+    before, after = (by_field(spline.Rates, each[:, 0]) for each in scaled[1:3])
+    for name, old, new in zip(spline.Rates._fields, before, after, strict=True):
+        old, new = np.asarray(old), np.asarray(new)
+        lowered = np.max(new / np.where(old == 0.0, np.inf, old))
+        assert lowered == 1.0 if name not in ("a1", "a2") else 1.015 < lowered < 1.03, name
 
 
 def test_the_motion_meets_its_spline_every_six_spans(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -778,11 +788,10 @@ def test_the_motion_meets_its_spline_every_six_spans(monkeypatch: pytest.MonkeyP
 
     def compared(knots: np.ndarray, coefficient: np.ndarray, *rest: Any) -> bool:
         done = in_time(knots, coefficient, *rest)
-        acceleration, row, z = rest[7], np.zeros((4, 4)), np.zeros(4)
+        (acceleration,) = (each.acceleration for each in rest if isinstance(each, Motion))
         for k in range(1, len(acceleration)):
-            spline.basis(knots, k, knots[k + 3], row)
-            spline.at(row, coefficient, k, z)
-            apart.append(acceleration[k] - 0.5 * z[1])
+            z = spline.at(spline.basis(knots, k, knots[k + 3]), coefficient, k)
+            apart.append(acceleration[k] - 0.5 * z.z1)
         return done
 
     monkeypatch.setattr(spline, "in_time", compared)
@@ -808,16 +817,16 @@ class Search:
         """Return the coefficients after some steps from a constant share of the largest z."""
         m, n = len(self.points.span), self.size
         coefficient = np.full(n, share * np.min(self.points.most))
-        room = np.zeros(m), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4))
-        spline.quickest(*self.points, coefficient, penalty, last, steps, *room)
+        room = spline.Room(np.zeros(m), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4)))
+        spline.quickest(self.points, coefficient, penalty, last, steps, room)
         return coefficient
 
     def shares(self, coefficient: np.ndarray) -> np.ndarray:
         """Return the share of the largest z at each point."""
-        z, shares = np.zeros(4), list[float]()
+        shares = list[float]()
         for k, row, most in zip(self.points.span, self.points.row, self.points.most, strict=True):
-            spline.at(row, coefficient, int(k), z)
-            shares.append(z[0] / most)
+            z = spline.at(by_field(spline.Basis, row), coefficient, int(k))
+            shares.append(z.z / most)
         return np.array(shares)
 
 

@@ -202,6 +202,18 @@ def test_a_part_program_is_corrected_and_its_setpoints_are_taken_away(session: S
     assert f"{1e6 * figures['corrected']:.4g} µm RMS" in found["verdict"][0]
     panels = shown["charts"]["corrected.deviation"]["panels"]
     assert len(panels) == 2  # the nominal machine and the worst one
+    assert found["machines"][0] == "nominal"
+    assert len(found["machines"]) == 2
+    highs = {
+        shown["charts"][f"corrected.{when}_{i}"]["panels"][0]["heat"]["high"]
+        for when in ("before", "after")
+        for i in (0, 1)
+    }
+    assert len(highs) == 1  # one scale of colors
+    # what the report says of its trials stands there alone
+    parts = [part for each in found["sections"] for part in each["parts"] if part["kind"] == "remarks"]
+    assert not set(found["said"]) & {text for part in parts for text in part["sentences"]}
+    assert (session.desk.folder / found["archive"]).exists()
     assert "setpath" in session.desk.results()
     with zipfile.ZipFile(session.desk.folder / asked(session, "take.result", name="setpath")["give"]) as archive:
         assert {"setpoints.csv", "setpoints.hal", "report.html"} <= {Path(name).name for name in archive.namelist()}
@@ -213,6 +225,7 @@ def test_a_correction_that_harms_a_machine_is_refused_with_the_machine(session: 
     found = done(session, "prove.correct", name="slot.ngc")["shown"]["corrected"]
     assert found["bad"]
     assert "at most 1.02 is accepted" in found["verdict"][0]
+    assert found["archive"] == ""
     assert not (session.desk.folder / "setpath" / "setpoints.csv").exists()
 
 

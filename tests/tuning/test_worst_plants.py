@@ -18,14 +18,14 @@ from feeddrive.language.errors import UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.box import Box, Corner
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning import tune
+from feeddrive.tuning import criteria, tune
 from feeddrive.tuning.candidates import candidates
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import modelled_point
 from feeddrive.tuning.screen import ScreenedPlants
 from feeddrive.tuning.search import Search
 from feeddrive.tuning.tune import Tuned, Tuner, Verdict, assess, tune_control
-from feeddrive.tuning.worst import Examination, Examined, OverBox, box_plants, over_box
+from feeddrive.tuning.worst import Examination, Examined, OverBox, box_plants, over_box, worst_plants
 from independent_box import box_draws
 
 # largest relative difference of Ms of the tuner, by interpolation between lines, and refined at its peak
@@ -347,3 +347,43 @@ def test_what_is_left_out_of_a_law_keeps_still(screw: Loop, draws: ModuleType) -
         if growth != pytest.approx(stability(found.loop).growth, abs=1e-6):
             grown.append(found.name)
     assert grown == ["P-PI + learned stops"]
+
+
+def test_a_look_with_a_bar_is_the_whole_look_where_it_passes_and_above_the_bar_elsewhere(
+    motor: Loop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the goal or a part of the points shows is no better than the whole, and decides as it does."""
+    names = ("law.Kv", "law.Kp", "law.Tn")
+    tuner, _ = joined(motor, names)
+    x = tune.logarithms(motor.control, names)
+    search = Search(tuner.criteria(motor.control, names), x - 1.0, x + 1.0)
+    points = x + np.random.default_rng(3).uniform(-0.5, 0.2, (40, 3))
+    whole = search.look(points)
+    judged = list[int]()
+    bounds = criteria.bounds_of
+    monkeypatch.setattr(criteria, "bounds_of", lambda *given: (judged.append(1), bounds(*given))[1])
+    bars = np.full(len(points), float(np.median(whole[np.isfinite(whole)])))
+    some = search.look(points, bars)
+    passes = whole < bars
+    assert 3 < np.count_nonzero(passes) < len(points) - 3
+    assert np.array_equal(some[passes], whole[passes])
+    assert np.all(some[~passes] >= bars[~passes])
+    assert np.all(some <= whole)
+    assert len(judged) < len(points)  # of some the goal alone says enough
+
+
+def test_a_plant_that_nearly_uses_a_limit_is_examined_on_all_lines(motor: Loop) -> None:
+    plants = box_plants(Box(), motor, "model", 0.05)
+
+    def worst(bound: float) -> Examined:
+        return worst_plants(motor.control, [plants], Limits(sensitivity_peak=bound))[1][0]
+
+    few = worst(4.0)
+    assert few.figures is not None
+    largest = few.figures.margins.sensitivity_peak
+    near = worst(1.001 * largest)
+    assert near.figures is not None
+    assert near.figures.loop_gain.frequency.size > 1.5 * few.figures.loop_gain.frequency.size
+    # 1e-4: the few lines of this axis are near enough to its peak
+    assert near.of(SENSITIVITY_PEAK.key) == pytest.approx(1.0 / 1.001, rel=1e-4)
+    assert near.used >= near.of(SENSITIVITY_PEAK.key)

@@ -77,6 +77,61 @@ def test_options_of_a_proof_without_one_are_refused(tmp_path: Path) -> None:
             command.build_request(machines=tuple(files), position=PLACES, **given)
 
 
+def test_payloads_that_do_not_fit_the_files_are_refused(tmp_path: Path) -> None:
+    command, files = load("travel"), machine_files(tmp_path)
+    certify = {"certify": Path("p.json"), "payload": (0.0, 1.0, 2.0)}
+    for given, said in (
+        ({"payload": (0.0, 1.0)}, r"--payload is given 2 times for 3 machine files: give the payload of each file"),
+        ({"robust": True}, "--robust is about payloads: give the payload of each"),
+        ({"prove_payload": 3.0, "certify": Path("p.json")}, "--prove-payload is about payloads"),
+        (certify, "a proof along the travel is that of one payload: name it by --prove-payload"),
+        ({"payload": (0.0, 1.0, 2.0), "prove_payload": 0.0}, "--prove-payload is about a proof"),
+        ({"payload": (5.0, 5.0, 5.0), "position": (0.4, 1.5, 1.5)}, r"1\.5 m with --payload 5 kg is given twice"),
+    ):
+        with pytest.raises(ParameterError, match=said):
+            command.build_request(**{"machines": tuple(files), "position": PLACES, **given})
+    # a payload at each position alone: the pairs leave out what lies between
+    request = command.build_request(machines=tuple(files), position=PLACES, payload=(0.0, 200.0, 400.0))
+    with pytest.raises(ParameterError, match=r"no measurement at 0\.4 m with 400 kg"):
+        command.run(request, Progress())
+
+
+@pytest.mark.slow(reason="a tuning at nine pairs and the proof of one payload take 15 s")
+def test_the_file_of_a_schedule_over_pairs_has_the_payload_of_the_first_file(tmp_path: Path) -> None:
+    command, text = load("travel"), (folder(1) / "machines/screw_long.toml").read_text(encoding="utf-8")
+    files: list[str] = []
+    pairs = [(x, m) for x in PLACES for m in (100.0, 300.0, 700.0)]
+    for x, m in pairs:
+        value = 1e-6 / (1.0 / 300e6 + x / EA)
+        changed = text.replace("stiffness_N_per_um = 131", f"stiffness_N_per_um = {value:.12g}")
+        file = tmp_path / f"x{round(1000 * x)}_m{m:.0f}.toml"
+        file.write_text(changed.replace("mass_load_kg = 500", f"mass_load_kg = {500.0 + m}"), encoding="utf-8")
+        files.append(str(file))
+    out, page = tmp_path / "schedule.toml", tmp_path / "page.html"
+    request = command.build_request(
+        machines=tuple(files),
+        position=tuple(x for x, _ in pairs),
+        payload=tuple(m for _, m in pairs),
+        starts=1,
+        between=1,
+        out=out,
+        report=page,
+        certify=tmp_path / "proof.json",
+        prove_payload=450.0,
+        frozen=True,
+    )
+    outcome = command.run(request, Progress())
+    assert outcome.judgment.exit_code == 0
+    assert "with a payload of 450 kg" in outcome.verdict
+    assert "<svg" in page.read_text(encoding="utf-8")
+    law = fd.read_machine(out).loop("x").control.law
+    assert isinstance(law, GainSchedule)
+    assert law.payload == 100.0
+    assert [[load.payload for load in place.loads] for place in law.places] == [[100.0, 300.0, 700.0]] * 3
+    with pytest.raises(ParameterError, match=r"payload = 50 kg must be between 100 kg and 700 kg"):
+        law.with_payload(50.0)
+
+
 @pytest.mark.slow(reason="a tuning, a proof of its schedule and the check of the file take 30 s")
 def test_the_proof_of_a_tuned_schedule_is_that_of_its_file(tmp_path: Path) -> None:
     """The schedule in the file is proven again with the same bound, and the checker accepts both proofs."""

@@ -1,7 +1,7 @@
 // Laws at equal robustness: which are compared, the trade-off, and a law that is chosen to be tuned on.
 
 import { look, whenPainted } from "../pictures/look";
-import { button, make, table } from "../parts";
+import { button, make, offer, table } from "../parts";
 import { Picture } from "../pictures/picture";
 import { Report, type Result } from "../result";
 import type { Ask, Room } from "../room";
@@ -10,6 +10,9 @@ import type { Received } from "../wire";
 interface Words {
   ready: boolean;
   always?: string;
+  box?: string;
+  offered?: string[];
+  over?: string;
   laws?: { name: string; wanted: boolean; remark: string }[];
   refused?: { name: string; reason: string }[];
   found: (Result & { laws: { name: string; why: string; held: string; drawn: boolean }[]; seed: number }) | null;
@@ -22,11 +25,16 @@ export class Compare implements Room {
   readonly element = make("div", { class: "compare" });
   private readonly start: HTMLButtonElement;
   private readonly starts = make("input", { type: "number", min: "1", max: "20", value: "2", id: "compare-starts" });
+  private readonly box = make("input", { type: "text", size: "28", id: "compare-box" });
+  private readonly boxes = make("label", { for: "compare-box" }, "box of plants ", this.box);
+  private readonly over = make("p", { id: "compare-over" });
   private readonly laws = make("fieldset", { id: "compare-laws" });
   private readonly refused = make("div");
   private readonly hint = make("p");
   private readonly seed = make("p");
-  private readonly picture = new Picture("Trade-off at equal robustness: better is left and up. Click a law to tune on with it.");
+  private readonly picture = new Picture(
+    "Trade-off at equal robustness: better is left and up; lines lead to the worst plant of the box. Click a law to tune on with it.",
+  );
   private readonly outcome = make("div");
   private readonly report = new Report("compare");
   private last: Received | null = null;
@@ -43,11 +51,15 @@ export class Compare implements Room {
       { class: "buttons" },
       this.start,
       make("label", { for: this.starts.id }, "searches for each law ", this.starts),
+      this.boxes,
     );
+    this.box.title = "The limits of every law hold over it, and figures are shown at the model and at the worst plant";
+    this.box.addEventListener("change", () => ask({ do: "compare.over", box: this.box.value }));
     this.element.append(
       head,
       this.laws,
       this.refused,
+      this.over,
       this.hint,
       this.seed,
       this.report.head,
@@ -65,6 +77,10 @@ export class Compare implements Room {
     const laws = words.laws ?? [];
     this.start.disabled = !words.ready;
     this.start.textContent = `Compare ${laws.filter((each) => each.wanted).length} laws`;
+    this.boxes.hidden = !words.ready;
+    if (!this.box.list) this.boxes.append(...offer(this.box, words.offered ?? []));
+    if (document.activeElement !== this.box) this.box.value = words.box ?? "";
+    this.over.textContent = words.over ?? "";
     this.choose(laws, words.always ?? "");
     this.refuse(words.refused ?? []);
     this.hint.hidden = words.ready && found !== null;

@@ -2,7 +2,7 @@
 
 import { Levels, type Level } from "../controls/levels";
 import { look, whenPainted } from "../pictures/look";
-import { button, make, renew } from "../parts";
+import { button, make, offer, renew } from "../parts";
 import { Picture } from "../pictures/picture";
 import { Report, type Result } from "../result";
 import type { Ask, Room } from "../room";
@@ -14,6 +14,7 @@ interface Field {
   meaning: string;
   unit: string;
   options: string[];
+  offered: string[];
   value: string;
 }
 interface Words {
@@ -24,6 +25,7 @@ interface Words {
   found?: Result | null;
   unfinished?: boolean;
   begins?: string;
+  over?: string;
   go?: string;
 }
 
@@ -74,10 +76,11 @@ export class Goal implements Room {
     this.accept.disabled = this.reject.disabled = !words.best;
     const accept = words.unfinished ? "Accept the best so far" : words.found?.bad ? "Accept it all the same" : "Accept";
     if (this.accept.textContent !== accept) this.accept.textContent = accept;
-    const { ready, begins, unfinished, found = null } = words;
-    renew(this.verdict, [ready, begins, unfinished], () => [
+    const { ready, begins, over, unfinished, found = null } = words;
+    renew(this.verdict, [ready, begins, over, unfinished], () => [
       ...(ready ? [] : [make("p", {}, "Bring a machine or a measured response first.")]),
       ...(begins ? [make("p", {}, begins)] : []),
+      ...(over ? [make("p", { id: "goal-over" }, over)] : []),
       ...(unfinished ? [make("p", {}, "The search has not finished: what is shown is the best so far, and is not proven.")] : []),
     ]);
     this.report.show(found);
@@ -105,10 +108,18 @@ export class Goal implements Room {
     let input: HTMLSelectElement | HTMLInputElement;
     if (field.options.length) {
       input = make("select", { id }, ...field.options.map((value) => make("option", { value }, value)));
-    } else input = make("input", { id, type: "text", size: "8" });
+    } else input = make("input", { id, type: "text", size: field.offered.length ? "28" : "8" });
+    const offered = offer(input, field.offered);
     input.title = field.meaning;
     input.addEventListener("change", () => set(input.value));
-    return make("label", { for: id, title: field.meaning }, `${field.label} `, input, field.unit ? ` ${field.unit}` : "");
+    return make(
+      "label",
+      { for: id, title: field.meaning },
+      `${field.label} `,
+      input,
+      ...offered,
+      field.unit ? ` ${field.unit}` : "",
+    );
   }
 
   private draw(): void {

@@ -4,7 +4,7 @@ import { look, whenPainted } from "../pictures/look";
 import { button, choice, make, renew } from "../parts";
 import { Picture } from "../pictures/picture";
 import { Report, type Result } from "../result";
-import type { Ask, Room } from "../room";
+import { result, type Ask, type Room } from "../room";
 import type { Received } from "../wire";
 
 interface Place {
@@ -15,7 +15,7 @@ interface Words {
   ready: boolean;
   axes: string[];
   programs: string[];
-  shown: Record<string, Result & { worst?: Place[]; peaks?: Place[] }>;
+  shown: Record<string, Result & { worst?: Place[]; peaks?: Place[]; machines?: string[]; archive?: string }>;
 }
 
 // Pictures that the room draws itself, beside those of the report, by part and chart; of the chosen worst place `place_3`
@@ -24,7 +24,7 @@ const PICTURES: Record<string, Record<string, string>> = {
   certificate: {},
   circle: { circle: "Circle test: the deviation, magnified", unrolled: "Deviation over the angle; hollow: quadrant peaks" },
   program: { path: "Contour error as color on the path", place: "The place, 1 to 1", time: "Contour error around the instant" },
-  corrected: {},
+  corrected: { before: "Contour error on the path, without the correction", after: "With the correction" },
 };
 const HEADS: Record<string, string> = {
   certificate: "Certificate",
@@ -48,7 +48,8 @@ export class Prove implements Room {
   private readonly buttons = make("div", { class: "buttons" });
   private readonly parts = new Map(Object.keys(PICTURES).map((name) => [name, part(name)]));
   private readonly chosen = { x: "", y: "", program: "" };
-  private place = 0;
+  private place = 0; // the worst place of the part program that is looked at
+  private machine = 0; // of the corrected part program: the nominal or the worst one
   private last: Received | null = null;
 
   constructor(private readonly ask: Ask) {
@@ -73,6 +74,7 @@ export class Prove implements Room {
       each.report.show(found);
       if (name === "program")
         this.list(each, "Worst places: choose one to look at it", found.worst ?? [], (at, i) => this.look(at, i));
+      if (name === "corrected") this.corrected(each, found.machines ?? [], found.archive ?? "");
       if (name === "circle")
         this.list(each, "Quadrant peaks: choose one to look at it", found.peaks ?? [], (at) =>
           zoom(each.pictures.get("unrolled")!, at),
@@ -138,6 +140,28 @@ export class Prove implements Room {
     });
   }
 
+  // Which machine the pictures show, and the files.
+  private corrected(of: Part, machines: string[], archive: string): void {
+    renew(of.list, [machines, archive], () => {
+      this.machine = 0; // only where the result is another one
+      const link = make("a", { href: result(archive), download: archive, id: "corrected-archive" }, `Download ${archive}`);
+      const chosen = choice(
+        "Machine",
+        machines.map((each, i): [string, string] => [String(i), i ? `worst: ${each}` : each]),
+        (value) => {
+          this.machine = Number(value);
+          this.draw();
+        },
+      );
+      return [
+        ...(archive
+          ? [make("p", {}, link, ": set positions and force offsets for the control, the figures, and the report.")]
+          : []),
+        ...(machines.length > 1 ? [chosen] : []),
+      ];
+    });
+  }
+
   private look(at: Place, i: number): void {
     this.place = i;
     this.draw();
@@ -149,8 +173,13 @@ export class Prove implements Room {
     for (const [name, { section, pictures, report }] of this.parts) {
       if (!section.hidden) report.draw(this.last);
       for (const [key, picture] of pictures) {
-        const of = key === "place" || key === "time" ? `${key}_${this.place}` : key;
-        const chart = section.hidden ? undefined : this.last.said.charts[`${name}.${of}`];
+        const of = new Map([
+          ["place", this.place],
+          ["time", this.place],
+          ["before", this.machine],
+          ["after", this.machine],
+        ]).get(key);
+        const chart = section.hidden ? undefined : this.last.said.charts[`${name}.${of === undefined ? key : `${key}_${of}`}`];
         picture.element.hidden = !chart;
         if (chart) picture.draw(chart, this.last.numbers, look());
       }
@@ -163,8 +192,9 @@ function part(name: string): Part {
   for (const [key, each] of pictures) each.element.id = `proof-${name}-${key}`;
   const [first, ...others] = [...pictures.values()].map((each) => each.element);
   const [list, report] = [make("div"), new Report(`proof-${name}`, `${name}.`)];
-  const beside = make("div", {}, ...(name === "program" ? [list, ...others] : [...others, list]));
-  const grid = first ? [make("div", { class: "grid" }, first, beside)] : [];
+  const beside = make("div", {}, ...(name === "program" ? [list, ...others] : name === "corrected" ? others : [...others, list]));
+  const pair = first ? [make("div", { class: "grid" }, first, beside)] : [];
+  const grid = name === "corrected" ? [list, ...pair] : pair;
   const section = make(
     "section",
     { id: `proof-${name}`, hidden: "" },

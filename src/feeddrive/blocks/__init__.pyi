@@ -24,6 +24,7 @@ from feeddrive.blocks.controller.linuxcnc_pid import LinuxcncPid as LinuxcncPid
 from feeddrive.blocks.controller.lqg import LQG as LQG
 from feeddrive.blocks.controller.pole_placement import PolePlacement as PolePlacement
 from feeddrive.blocks.controller.position_loop import PositionLoop as PositionLoop
+from feeddrive.blocks.controller.schedule_load import ScheduleLoad as ScheduleLoad
 from feeddrive.blocks.controller.schedule_place import SchedulePlace as SchedulePlace
 from feeddrive.blocks.controller.stock_biquad import StockBiquad as StockBiquad
 from feeddrive.blocks.controller.stock_pid import StockPid as StockPid

@@ -59,6 +59,7 @@ OUTSIDE = (
     "saturation, friction other than its slope, rounding of signals and coefficients",
     "tolerances of the axis, and what its model lacks, such as a further mode",
     "between its measured positions the axis is that of the fitted curves; within a sample it is that of one position",
+    "other payloads than that of the proof",
 )
 WORK = 20_000  # cells of positions that are examined at most: a minute or two
 _UNIT = 2.0**-53
@@ -158,6 +159,13 @@ class AlongTravel:
     """
 
     def __init__(self, travel: Travel, control: Control, velocity: float = 0.05) -> None:
+        if travel.payloads is not None:
+            raise ParameterError(
+                "a proof along the travel is that of one payload: take travel.with_payload(m), once for each payload m "
+                "(feeddrive travel --prove-payload)"
+            )
+        if isinstance(control.law, GainSchedule) and travel.payload is not None:
+            control = replace(control, law=control.law.with_payload(travel.payload))
         self.travel, self.control, self.velocity = travel, control, velocity
         self.first, self.last = float(travel.positions[0]), float(travel.positions[-1])
         middle = 0.5 * (self.first + self.last)
@@ -241,7 +249,7 @@ class AlongTravel:
             return {}
         law = self.control.law
         assert isinstance(law, GainSchedule)
-        rows = np.array([[float(value) for _, value in tree.leaves(place.law)] for place in law.places])
+        rows = np.array([[float(value) for value in place.numbers(law.payload)] for place in law.places])
         places = np.array(self.places)
         # segment 0 lies before the first place and the last one behind the last place, both with a slope of 0
         segment = np.searchsorted(places, 0.5 * (low + high))
@@ -258,7 +266,7 @@ class AlongTravel:
         bent = step * np.where(to_before[:, None], bends[before], np.where(to_behind[:, None], bends[behind], 0.0))
         away = x.plus(Enclosed.exactly(-places[anchor]))
         found: dict[str, Enclosed] = {}
-        for i, (name, _) in enumerate(tree.leaves(law.places[0].law)):
+        for i, (name, _) in enumerate(tree.leaves(law.places[0].laws()[0][1])):
             # slope and value are computed by the law with a few roundings
             slope = Enclosed(slopes[segment, i][None], None, 4.0 * _UNIT * np.abs(slopes[segment, i]))
             value = Enclosed.exactly(rows[anchor, i]).plus(away.times(slope))
@@ -551,7 +559,9 @@ class TravelProof(Result):
         """What is to be proven of an axis that stays where it is, as a clause."""
         robust = "" if self.bound is None else f" and has Ms <= {Quantity(self.bound):6}"
         ends = f"{Quantity(self.first, 'm'):6 SI} to {Quantity(self.last, 'm'):6 SI}"
-        return Text(f"the loop is stable{robust} at every position from {ends}, each frozen")
+        payload = self.along.travel.payload
+        with_ = "" if payload is None else f" with a payload of {Quantity(payload, 'kg'):6 SI}"
+        return Text(f"the loop is stable{robust} at every position from {ends}, each frozen{with_}")
 
     @property
     def moving(self) -> Text:
@@ -598,6 +608,7 @@ class TravelProof(Result):
             "reason": self.reason or None,
             "from_m": self.first,
             "to_m": self.last,
+            "payload_kg": self.along.travel.payload,
             "cells": len(self.cells),
             "speed_m_s": self.speed,
             "higher_tried": not self.most,
@@ -672,6 +683,8 @@ def prove_along_travel(
     progress: Progress | None = None,
 ) -> TravelProof:
     """Prove a control, with or without a schedule, at every position of a travel, and up to which speed it is stable.
+
+    travel    with one payload: `Travel.with_payload`; a schedule over the payload then has the parameters for it
 
     speed     True to look for the speed up to which the moving loop is stable, too
     velocity  m/s, at which friction is linearized

@@ -337,6 +337,8 @@ class Tuning(Case["Tuned | Refusal"]):
                         starts=rule.starts,
                         seed=seed,
                         velocity=rule.velocity,
+                        # a comparison examines the present control once, and not with every law
+                        today_over_box=False,
                         progress=progress,
                     )
                 )

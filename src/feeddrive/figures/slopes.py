@@ -131,6 +131,11 @@ class SlopedLoop(Protocol):
         """The logarithmic form of the loop gain."""
         ...
 
+    @property
+    def thinned(self) -> bool:
+        """True if of the lines near a limit only some count: those beside its minima, and every fourth of the rest."""
+        ...
+
     def recovery(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the frequency lines, compliance and its derivatives, extended far below the first line of the loop."""
         ...
@@ -164,8 +169,10 @@ class Place(NamedTuple):
 
 # larger than the trust region of the search, 0.6 of a logarithm (tuning/search.py): a step hardly reaches further
 _NEAR = 0.65  # of a logarithm: bounds with more slack on a line are not stored (where L vanishes, Ms <= 2 has 0.69)
+_THINNED = 4  # of the lines near a limit of a thinned loop, one of so many is kept
 # near its pole the fraction leaves the response altogether: no circle goes through these three lines
 _POINTS, _POLE = 41, 0.2  # points between two neighbors of a line; distance to a pole within which no value is used
+_SHARES = np.linspace(0.0, 1.0, _POINTS)
 # a crossover at -1 has no delay margin left; its logarithm and the division by it must stay finite
 _AHEAD = 1e-9  # rad: smallest distance to -1 used for a crossover
 _STRETCH = 0.08  # of ln f: interval on both sides of a crossover for its derivatives
@@ -241,7 +248,7 @@ def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
     away = np.abs(1.0 + L)
     # the slack of 1 + L > 1/limit, whose minimum between two lines is that of a circle, not of a parabola
     slack = _between_lines(np.log(f), 1.0 + L, np.log(away * limit))
-    near = _near(slack, dL)
+    near = _near(slack, loop)
     slopes = (dL[near] / (1.0 + L[near])[:, None]).real
     # all lines at once: there are hundreds of them
     yield from map(Place, f[near].tolist(), slack[near].tolist(), slopes, (spread[near] / away[near]).tolist(), near)
@@ -257,7 +264,7 @@ def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place
     with np.errstate(divide="ignore"):
         slack = np.log(np.abs((1.0 + L) / L) / (2.0 * np.sin(np.minimum(late, 0.5 * np.pi))))
     slack = _at_vertex(np.log(f), slack)
-    for k in _near(slack, dL):
+    for k in _near(slack, loop):
         slope = -(dL[k] / (L[k] * (1.0 + L[k]))).real
         deviation = float(spread[k] / np.abs(L[k] * (1.0 + L[k])))
         yield Place(float(f[k]), float(slack[k]), slope, deviation, k)
@@ -274,7 +281,7 @@ def places_below(loop: SlopedLoop, limit: float, weight: np.ndarray | float = 1.
     size = np.abs(loop.compliance)
     slack = _at_vertex(np.log(f), np.log(limit / (weight * size)))
     deviation = np.sqrt(0.5 * loop.compliance_variance) / size
-    for k in _near(slack, loop.gain_slope):
+    for k in _near(slack, loop):
         slope = -(loop.compliance_slope[k] / loop.compliance[k]).real
         yield Place(float(f[k]), float(slack[k]), slope, float(deviation[k]), k)
 
@@ -389,13 +396,23 @@ def _spread(loop: SlopedLoop) -> np.ndarray:
     return np.sqrt(0.5 * loop.gain_variance)
 
 
-def _near(slack: np.ndarray, slopes: np.ndarray) -> list[int]:
+def _near(slack: np.ndarray, loop: SlopedLoop) -> list[int]:
     """Return the indices of frequency lines at which a limit is violated or nearly so; without slopes, only the worst
     line.
     """
-    # without slopes nothing is searched: only the critical line is of interest
     near = np.flatnonzero(slack < _NEAR)
-    return near.tolist() if slopes.shape[1] or not near.size else [int(near[np.argmin(slack[near])])]
+    if near.size and not loop.gain_slope.shape[1]:
+        # nothing is searched: only the critical line is of interest
+        return [int(near[np.argmin(slack[near])])]
+    if loop.thinned and near.size >= 3 * _THINNED:
+        left = slack[near]
+        low = np.flatnonzero((left[1:-1] <= left[:-2]) & (left[1:-1] <= left[2:])) + 1
+        kept = np.zeros(near.size, bool)
+        kept[::_THINNED] = True
+        for beside in (-1, 0, 1):
+            kept[low + beside] = True
+        near = near[kept]
+    return near.tolist()
 
 
 def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarray:
@@ -423,7 +440,7 @@ def lower_between(x: np.ndarray, w: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         c = (left * after - right * before) / (left * right * (w[0] - w[2]))
         b = before / left + c * w[0]
-        way = np.linspace(left, right, _POINTS, axis=1)
+        way = left[:, None] + (right - left)[:, None] * _SHARES
         under = 1.0 + c[:, None] * way
         lower = np.min(np.abs((w[1][:, None] + b[:, None] * way) / under), axis=1) / np.abs(w[1])
     fitted = (np.min(np.abs(under), axis=1) > _POLE) & ~np.isnan(lower)

@@ -12,7 +12,7 @@ The section [program] of a job.  The planned part program is the reference of al
 
 [program]
 file = "part.ngc"                  # beside the job, or a bundled one: circle_diamond_square.ngc
-tools = "tool.tbl"                 # optional; also offsets, tables_inch, skip_deleted as for `feeddrive plan`
+tools = "tool.tbl"                 # optional; also offsets, tables_inch, skip_deleted, dialect as for `feeddrive plan`
 limits = "limits.toml"             # in place of [axis.x.limits] of the machine file
 
 or the recorded setpoints of another planner, smoothed (`path/smoothing.py`):
@@ -80,6 +80,7 @@ from feeddrive.language.text import Text
 from feeddrive.loop.simulate import samples
 from feeddrive.path.limits import ROTARY, MachineLimits
 from feeddrive.path.planned import FEW, Planned, planned_of
+from feeddrive.path.program.dialects import DIALECTS
 from feeddrive.path.program.moves import Arc, Move, Spindle, Spline, Straight, ToolChange
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof import DERIVATIVES, WIDENED
@@ -576,6 +577,7 @@ class PartProgramSection(ProgramSection):
     limits: str | None = file_name("limits of the axes in place of those of the machine file", default=None)
     tables_inch: bool = choice("tools and offsets are in inches", default=False)
     skip_deleted: bool = choice("leave out lines that begin with /", default=False)
+    dialect: str = choice("language of the program", options=tuple(DIALECTS), default="linuxcnc")
 
 
 class RecordedSection(ProgramSection):
@@ -671,6 +673,7 @@ def planned_program(
         offsets=offsets,
         tables_inch=section.tables_inch,
         skip_deleted=section.skip_deleted,
+        dialect=section.dialect,  # type: ignore[arg-type]
     )
     # Closing ends the generator that reads the program, also after an error of the planner.
     with closing(moves):

@@ -14,29 +14,29 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from feeddrive.analysis.stability import require_stable
+from feeddrive.analysis.stability import require_stable, stability
 from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.families import Friction, Load, Reference
 from feeddrive.blocks.load.recorded_force import RecordedForce
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.language import tree
 from feeddrive.language.block import Block
-from feeddrive.language.errors import FeeddriveError, NotPlannedError, ParameterError
+from feeddrive.language.errors import FeeddriveError, NoSlopeError, NotPlannedError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.table import Cell, Column, Result, Table
 from feeddrive.language.text import Text
 from feeddrive.learning.loop_inverse import LoopInverse, loop_inverse
-from feeddrive.learning.planned_friction import friction_along
+from feeddrive.learning.planned_friction import friction_along, remembers
 from feeddrive.learning.plant_box import NOMINAL, PlantBox, noisy_machines
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.loop.simulate import Run, samples, simulate
-from feeddrive.machining.contour import contour_error
+from feeddrive.loop.simulate import Run, samples, stream_each
+from feeddrive.machining.contour import contour_error, curve_of_motion
 from feeddrive.path.changed_path import changed_use, keeps
 from feeddrive.path.proof import DERIVATIVES
 
@@ -56,7 +56,7 @@ RESERVE = (0.005, 0.005, 0.05, 0.025)
 """The shares of velocity, acceleration, jerk and snap that a plan keeps back for a change of its path."""
 _WORSE = 1.02  # of the figure without correction
 _FRACTIONS = (1.0, 0.75, 0.5, 0.25)
-_RECORDED = ("set_position", "set_velocity", "set_acceleration", "position_load", "force", "requested", "trip")
+_RECORDED = ("position_load", "force", "trip")
 
 
 class PathFigures(NamedTuple):
@@ -350,6 +350,35 @@ def _levels(block: Block) -> bool:
     return any(value != 0.0 for name, value in tree.leaves(block) if tree.declaration(block, name).unit == "N")
 
 
+def hunting(machine: Machine, axes: Sequence[str]) -> list[str]:
+    """Return a sentence for each axis whose loop is unstable at rest, where presliding holds it like a spring.
+
+    Such an axis hunts around its set position as far as the presliding goes.  It is stable while it slides, so that no
+    other check finds it, and no force along the plan can cancel it.
+    """
+    found: list[str] = []
+    for axis in axes:
+        loop = machine.loop(axis)
+        frictions = (loop.axis.friction_load, loop.axis.friction_motor)
+        if not any(friction is not None and remembers(friction) for friction in frictions):
+            continue
+        try:
+            verdict = stability(loop, velocity=0.0)
+        except NoSlopeError:
+            # a law without a linear model is judged by its runs alone
+            continue
+        if verdict.stable or verdict.time_constant is None:
+            continue
+        found.append(
+            Text(
+                f"Axis {axis} hunts at rest, at {Quantity(verdict.frequency, 'Hz')}: its loop is unstable where "
+                "presliding holds it like a spring, which no force along the plan can cancel; damp it there, or lower "
+                "its bandwidth."
+            )
+        )
+    return found
+
+
 class Judge:
     """The machines on which a correction is judged, each with the figures of its run without correction.
 
@@ -381,14 +410,14 @@ class Judge:
         self.axes = tuple(moving_axes(machine, plan))
         self._progress = progress or Progress()
         self._seed = seed
-        n = next(iter(plan.values())).position.size
+        n = plan[self.axes[0]].position.size
         self.counted = np.ones(n, bool) if counted is None else np.asarray(counted, bool)
-        self.plain: dict[str, PathFigures] = {}
+        self._path = PlannedPath(plan, self.axes, self.counted)
         self.errors: dict[str, dict[str, np.ndarray]] = {}
         for name, sampled in self.machines.items():
             self._require(name, sampled)
-        for name in self.machines:
-            self.plain[name] = self._figures(name, None)
+        self.left = tuple(hunting(next(iter(self.machines.values())), self.axes))
+        self.plain = self._figures(list(self.machines), None)
 
     def _require(self, name: str, machine: Machine) -> None:
         """Raise the error of an unstable or nonlinear loop, with the machine on which it was found."""
@@ -402,49 +431,67 @@ class Judge:
     def figures(self, correction: Correction, *, all_machines: bool = True) -> list[PlantFigures]:
         """Return the figures of the machines with a correction; of the nominal one only unless `all_machines`."""
         names = list(self.machines) if all_machines else [next(iter(self.machines))]
-        return [PlantFigures(name, self.plain[name], self._figures(name, correction)) for name in names]
+        found = self._figures(names, correction)
+        return [PlantFigures(name, self.plain[name], found[name]) for name in names]
 
-    def _figures(self, name: str, correction: Correction | None) -> PathFigures:
-        self._progress.step(f"{'without' if correction is None else 'with'} correction: {name}")
-        self._seed += 1
-        machine = self.machines[name]
-        still = _still(self.plan)
-        references: dict[str, Reference] = dict.fromkeys(machine.axes(), still)
+    def _figures(self, names: Sequence[str], correction: Correction | None) -> dict[str, PathFigures]:
+        """Run the part on some machines at once, and return their figures."""
+        seeds = {name: self._seed + 1 + i for i, name in enumerate(names)}
+        self._seed += len(names)
+        machines = {name: self.machines[name] for name in names}
+        references: dict[str, Reference] = dict.fromkeys(machines[names[0]].axes(), _still(self.plan))
         references |= self.plan if correction is None else correction.references
-        record = [f"{axis}.{signal}" for axis in machine.axes() for signal in _RECORDED]
-        run = simulate(
-            machine,
+        n = self.counted.size
+        forces = {} if correction is None else correction.forces
+        # a force of 0 without a correction: all runs share one compiled program
+        none, T = np.zeros(n), float(self.plan[self.axes[0]].sample_time)
+        added = {axis: RecordedForce(force=forces.get(axis, none), sample_time=T) for axis in self.axes}
+        positions = {name: {axis: np.empty(n) for axis in self.axes} for name in names}
+        limits = {name: {axis: _limits(machine.loop(axis)) for axis in forces} for name, machine in machines.items()}
+        squares = dict.fromkeys(((name, axis) for name in names for axis in forces), 0.0)
+        for runs in stream_each(
+            machines,
             references,
             load=self.loads,
-            added_force=None if correction is None or not correction.forces else correction.added,
-            seed=self._seed,
-            record=record,
-            name=name,
-        )
-        self._refuse_limits(run, machine, correction)
-        figures, error = path_figures(run, self.plan, self.axes, self.counted)
-        self.errors.setdefault(name, {})["plain" if correction is None else "corrected"] = error
-        return figures
+            added_force=added,
+            seeds=seeds,
+            record=[f"{axis}.{signal}" for axis in self.axes for signal in _RECORDED],
+            name=f"{'without' if correction is None else 'with'} correction",
+            progress=self._progress,
+        ):
+            for name, run in runs.items():
+                for axis, total in self._totals(run, limits[name], forces).items():
+                    squares[name, axis] += float(np.sum(total**2))
+                for axis, row in positions[name].items():
+                    row[run.first : run.first + run.samples] = run[f"{axis}.position_load"]
+        for (name, axis), square in squares.items():
+            _refuse_continuous(name, axis, float(np.sqrt(square / n)), limits[name][axis].continuous)
+        found: dict[str, PathFigures] = {}
+        for name in names:
+            found[name], error = self._path.deviation(positions[name])
+            self.errors.setdefault(name, {})["plain" if correction is None else "corrected"] = error
+        return found
 
-    def _refuse_limits(self, run: Run, machine: Machine, correction: Correction | None) -> None:
-        """Raise ParameterError for a trip of a guard, and for a force of command and correction beyond a limit."""
+    def _totals(
+        self, run: Run, limits: Mapping[str, _Limits], forces: Mapping[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """Return command and added force together, N, of the axes that have one, over a stretch of a run.
+
+        Raises ParameterError for a trip of a guard, and for a total beyond a limit.
+        """
+        totals: dict[str, np.ndarray] = {}
         for axis in self.axes:
             tripped = np.flatnonzero(run[f"{axis}.trip"] > 0.0)
             if tripped.size:
                 raise ParameterError(
                     f"machine of the box '{run.name}': the guard of axis {axis} tripped at "
                     f"{self._place(run, int(tripped[0]))}: a correction cannot be judged on it; check the "
-                    "limits of the guard"
+                    "limits of guard and force"
                 )
-            if correction is None or axis not in correction.forces:
+            if axis not in forces:
                 continue
-            loop = machine.loop(axis)
-            force = correction.forces[axis]
-            added = np.zeros(run.samples)
-            added[: min(force.size, run.samples)] = force[: run.samples]
-            total = run[f"{axis}.force"] + added
-            peak, continuous = (None, None) if loop.axis.actuator.motor is None else loop.axis.actuator.motor.limits()
-            for what, limit in (("force_limit", loop.control.force_limit), ("peak current", peak)):
+            total = totals[axis] = run[f"{axis}.force"] + forces[axis][run.first : run.first + run.samples]
+            for what, limit in (("force_limit", limits[axis].force), ("peak current", limits[axis].peak)):
                 over = np.flatnonzero(np.abs(total) > limit) if limit is not None else np.zeros(0)
                 if over.size and limit is not None:
                     k = int(over[0])
@@ -453,15 +500,10 @@ class Judge:
                         f"together are {Quantity(float(total[k]), 'N'):4}, beyond the {what} of "
                         f"{Quantity(float(limit), 'N'):4}: plan with less acceleration there, or give a smaller --share"
                     )
-            rms = float(np.sqrt(np.mean(total**2)))
-            if continuous is not None and rms > float(continuous):
-                raise ParameterError(
-                    f"axis {axis}, machine of the box '{run.name}': command and correction together are "
-                    f"{Quantity(rms, 'N'):4} RMS, beyond the continuous current of "
-                    f"{Quantity(float(continuous), 'N'):4}: lower the feed or the accelerations"
-                )
+        return totals
 
     def _place(self, run: Run, k: int) -> str:
+        k += run.first
         line = "" if self.line is None else f", line {int(self.line[min(k, self.line.size - 1)])}"
         return Text(f"{Quantity(k * run.sample_time, 's'):6 SI}{line}")
 
@@ -471,50 +513,82 @@ def _still(plan: Mapping[str, Recorded]) -> Recorded:
     return Recorded(position=np.zeros(path.position.size), sample_time=path.sample_time)
 
 
+class _Limits(NamedTuple):
+    """What an axis can do, N: limit of its control, peak and continuous force of its motor; None without a limit."""
+
+    force: Any
+    peak: Any
+    continuous: Any
+
+
+def _limits(loop: Loop) -> _Limits:
+    motor = loop.axis.actuator.motor
+    return _Limits(loop.control.force_limit, *((None, None) if motor is None else motor.limits()))
+
+
+def _refuse_continuous(name: str, axis: str, rms: float, continuous: Any) -> None:
+    """Raise ParameterError for command and correction, N RMS, beyond the continuous current of a motor."""
+    if continuous is not None and rms > float(continuous):
+        raise ParameterError(
+            f"axis {axis}, machine of the box '{name}': command and correction together are "
+            f"{Quantity(rms, 'N'):4} RMS, beyond the continuous current of {Quantity(float(continuous), 'N'):4}: "
+            "lower the feed or the accelerations"
+        )
+
+
+class PlannedPath:
+    """The planned path of some axes, against which the positions of any number of parts are measured.
+
+    plan     planned motion by axis
+    axes     axes that move
+    counted  True for the samples that count, shape (n,)
+    """
+
+    def __init__(self, plan: Mapping[str, Recorded], axes: Sequence[str], counted: np.ndarray) -> None:
+        n = plan[axes[0]].position.size
+        self.axes, self._T = tuple(axes), float(plan[axes[0]].sample_time)
+        self._counted = np.zeros(n, bool)
+        self._counted[: min(n, counted.size)] = counted[:n]
+        if not np.any(self._counted):
+            raise ParameterError("no sample of the motion counts: the program cuts nothing, and never moves at a feed")
+        wanted = [plan[axis].at(np.arange(n) * self._T) for axis in axes]
+        self._position, velocity = (
+            np.column_stack([np.asarray(setpoint[order]) for setpoint in wanted]) for order in range(2)
+        )
+        self._curve = curve_of_motion(self._position, velocity, self._T) if len(axes) > 1 else None
+
+    def deviation(self, positions: Mapping[str, np.ndarray]) -> tuple[PathFigures, np.ndarray]:
+        """Return the figures of positions, m, shape (n,), by axis, and the deviation over time, m, shape (n,).
+
+        The deviation of two or more axes is the contour error of the table, that of one axis the lag behind its plan.
+        """
+        mask = self._counted
+        actual = np.column_stack([positions[axis] for axis in self.axes])
+        if self._curve is None:
+            error = self._position[:, 0] - actual[:, 0]
+            size = np.abs(error[mask])
+            rms = float(np.sqrt(np.mean(size**2)))
+            figures = PathFigures(rms, float(np.quantile(size, 0.95)), float(np.max(size)))
+        else:
+            contour = contour_error(
+                actual,
+                self._position,
+                axes=self.axes,
+                sample_time=self._T,
+                counted=mask,
+                name="part",
+                curve=self._curve,
+            )
+            error = contour.error
+            figures = PathFigures(float(contour.rms), float(contour.within()), float(contour.largest))
+        return figures, np.where(mask, np.abs(error), np.nan)
+
+
 def path_figures(
     run: Run, plan: Mapping[str, Recorded], axes: Sequence[str], counted: np.ndarray
 ) -> tuple[PathFigures, np.ndarray]:
-    """Return the figures of a run against the plan, and its deviation over time, m, shape (n,).
-
-    The deviation of two or more axes is the contour error of the table, that of one axis the lag behind its plan.
-    """
-    return deviation({axis: run[f"{axis}.position_load"] for axis in axes}, plan, axes, counted)
-
-
-def deviation(
-    positions: Mapping[str, np.ndarray], plan: Mapping[str, Recorded], axes: Sequence[str], counted: np.ndarray
-) -> tuple[PathFigures, np.ndarray]:
-    """Return the figures of measured or simulated positions, m, by axis, against the plan, as `path_figures` does."""
-    actual = np.column_stack([positions[axis] for axis in axes])
-    n = len(actual)
-    mask = np.zeros(n, bool)
-    mask[: min(n, counted.size)] = counted[:n]
-    if not np.any(mask):
-        raise ParameterError("no sample of the motion counts: the program cuts nothing, and never moves at a feed")
-    T = float(plan[axes[0]].sample_time)
-    wanted = [plan[axis].at(np.arange(n) * T) for axis in axes]
-    if len(axes) == 1:
-        error = np.asarray(wanted[0].position) - actual[:, 0]
-        size = np.abs(error[mask])
-        rms = float(np.sqrt(np.mean(size**2)))
-        figures = PathFigures(rms, float(np.quantile(size, 0.95)), float(np.max(size)))
-    else:
-        position, velocity, acceleration = (
-            np.column_stack([np.asarray(setpoint[order]) for setpoint in wanted]) for order in range(3)
-        )
-        contour = contour_error(
-            actual,
-            position,
-            axes=axes,
-            velocity=velocity,
-            acceleration=acceleration,
-            sample_time=T,
-            counted=mask,
-            name="part",
-        )
-        error = contour.error
-        figures = PathFigures(float(contour.rms), float(contour.within()), float(contour.largest))
-    return figures, np.where(mask, np.abs(error), np.nan)
+    """Return the figures of a run against the plan, and its deviation over time, m, shape (n,): see `PlannedPath`."""
+    return PlannedPath(plan, axes, counted).deviation({axis: run[f"{axis}.position_load"] for axis in axes})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -528,6 +602,7 @@ class CorrectedProgram(Result):
     errors      deviation over time, m, of the nominal and of the worst machine: by name, "plain" and "corrected"
     box         tolerances of the box
     remarks     what a user must know
+    left        what no correction can cancel: see `hunting`
     """
 
     correction: Correction
@@ -537,6 +612,7 @@ class CorrectedProgram(Result):
     errors: Mapping[str, Mapping[str, np.ndarray]]
     box: PlantBox
     remarks: tuple[str, ...] = ()
+    left: tuple[str, ...] = ()
 
     @property
     def nominal(self) -> PlantFigures:
@@ -600,5 +676,10 @@ def _result(
     remarks: Sequence[str],
 ) -> CorrectedProgram:
     result = CorrectedProgram(correction, accepted, tuple(plants), tuple(tried), {}, box, tuple(remarks))
-    shown = dict.fromkeys((NOMINAL if NOMINAL in judge.errors else plants[0].name, result.worst.name))
-    return dataclasses.replace(result, errors={name: judge.errors[name] for name in shown})
+    nominal = NOMINAL if NOMINAL in judge.errors else plants[0].name
+    shown = dict.fromkeys((nominal, result.worst.name))
+    return dataclasses.replace(
+        result,
+        errors={name: judge.errors[name] for name in shown},
+        left=judge.left,
+    )

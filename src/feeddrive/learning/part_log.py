@@ -2,7 +2,10 @@
 
     θ = <e_f, e> / <e_f, e_f>     first log, without a correction: share of the model's friction that is there
     (B'B + λ r0 I) dc = B' q(w e) later logs: splines of the force that displace the table back by the error e
-    force += 0.7 Σ dc_j N_j
+    force += g Σ dc_j N_j         g = 0.7, 0.7, 0.7², 0.7³ ... from part to part, and 0 in a rest
+
+In a rest the friction along the plan holds nearly the whole breakaway ready: more force cannot move the stuck axis, it
+can only break it loose before its start.  So what is learned fades there within 1 ms.
 
 The model supplies only the inverse of the loop, so that a machine whose friction, mass or stiffness differ from the
 model is corrected too.
@@ -29,12 +32,13 @@ from feeddrive.learning.part_correction import (
     SHARE,
     Correction,
     PathFigures,
-    deviation,
+    PlannedPath,
     feeds_friction,
     friction_displacement,
     moving_axes,
     planned_velocity,
 )
+from feeddrive.learning.planned_friction import around_motion
 from feeddrive.learning.trial import check_clock
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
@@ -44,7 +48,9 @@ from feeddrive.loop.simulate import simulate
 SHARE_FOUND = 0.9
 """The share of a friction that was found in a log."""
 _KNOTS, _RIDGE = 0.01, 0.01  # s, relative: with 2 ms the third pass grows on a machine that is softer and later
-_GAIN = 0.7  # of the error of the last part
+_GAIN = 0.7  # of the error of the last part, at first
+_CALMER = 0.7  # of the gain before: what a start from rest leaves differs from part to part
+_REST = 1e-3  # s around a motion in which a learned force fades: with 10 ms an axis breaks loose before its start
 _SMOOTH = 1e-3  # s, of each of two moving averages of the error
 _GATE = 1e-3  # m/s: below it an axis may stick, which no linear model describes
 _OPEN = 3e-3  # m/s: from it on the whole error is learned
@@ -136,7 +142,7 @@ def learn_from_log(
     mask = np.ones(n, bool) if counted is None else np.asarray(counted, bool)
     errors = {axis: _error(log, axis, machine.loop(axis), plan[axis], mask) for axis in axes}
     positions = {axis: plan[axis].position - error for axis, error in errors.items()}
-    figures, size = deviation(positions, plan, axes, mask)
+    figures, size = PlannedPath(plan, axes, mask).deviation(positions)
     past = (*history, figures.rms)
     if len(past) > 1 and past[-1] > BETTER * past[-2]:
         kept = last if past[-1] <= past[-2] else before
@@ -145,6 +151,8 @@ def learn_from_log(
     shares: dict[str, tuple[float, float]] = {}
     forces = {} if last is None else dict(last.forces)
     remarks: list[str] = []
+    passes = 0 if last is None else last.passes
+    T = float(plan[axes[0]].sample_time)
     for axis in axes:
         loop = machine.loop(axis)
         if last is None and not feeds_friction(loop):
@@ -159,13 +167,17 @@ def learn_from_log(
             continue
         inverse = loop_inverse(loop)
         _same_start(log, axis, inverse, plan[axis], errors[axis])
-        learned = _GAIN * inverse.force_for(_learnable(plan[axis], errors[axis]), _KNOTS, _RIDGE)
+        gain = _GAIN * _CALMER ** max(0, passes - 1)
+        learned = gain * inverse.force_for(_learnable(plan[axis], errors[axis]), _KNOTS, _RIDGE)
+        if not feeds_friction(loop):
+            # the force along the plan is complete at the start: more of it would break the axis loose before
+            learned *= around_motion(planned_velocity(plan[axis]), T, _REST)
         forces[axis] = forces.get(axis, np.zeros(n)) + learned
     correction = Correction(
         plan,
         forces,
         shares={axis: SHARE_FOUND * share for axis, (share, _) in shares.items()},
-        passes=len(past),
+        passes=passes + 1,
     )
     _within_limits(log, machine, correction)
     return LearnedPart(correction, figures, past, shares, size, False, tuple(remarks))
@@ -215,6 +227,7 @@ def iterate_parts(
     record = [f"{axis}.{signal}" for axis in axes for signal in signals]
     n = plan[axes[0]].position.size
     mask = np.ones(n, bool) if counted is None else np.asarray(counted, bool)
+    planned = PlannedPath(plan, axes, mask)
     last: Correction | None = None
     before: Correction | None = None
     history: tuple[float, ...] = ()
@@ -227,7 +240,7 @@ def iterate_parts(
         run = simulate(machine, plan, added_force=added, seed=seed + part, record=record, name=f"part {part + 1}")
         by = {signal: {axis: run[f"{axis}.{signal}"] for axis in axes} for signal in signals}
         log = PartLog(run.name, by["set_position"], by["reading_load"], run.sample_time, by["force"])
-        figures.append(deviation(by["position_load"], plan, axes, mask)[0])
+        figures.append(planned.deviation(by["position_load"])[0])
         learned = learn_from_log(machine, plan, log, last=last, before=before, history=history, counted=counted)
         remarks |= dict.fromkeys(learned.remarks)
         history = learned.history
@@ -260,8 +273,12 @@ def _error(log: PartLog, axis: str, loop: Loop, path: Recorded, counted: np.ndar
     for what, row in (("position", measured), ("set position", setpoint)):
         if abs(row.size - n) > 1:
             raise LogError(
-                f"{log.name}: axis {axis}: has {row.size} samples of the {what}, the plan {n}: cut the log to the "
-                "program, from its first sample to its last"
+                f"{log.name}: axis {axis}: has {row.size} samples of the {what}, the plan {n}: "
+                + (
+                    "cut the log to the program, from its first sample to its last"
+                    if row.size > n
+                    else "log the part again, to its last sample"
+                )
             )
         if not np.all(np.isfinite(row)):
             raise LogError(
@@ -291,7 +308,8 @@ def _error(log: PartLog, axis: str, loop: Loop, path: Recorded, counted: np.ndar
     if np.any(moves) and way < _STUCK * wanted:
         raise LogError(
             f"{log.name}: axis {axis}: moves {Quantity(way, 'm')} where the plan moves {Quantity(wanted, 'm')}: the "
-            "axis is stuck or switched off, or the column is not its position"
+            "axis is stuck or switched off, or the column is not its position; free it and log the part again, or name "
+            "its column by --position"
         )
     limit, force = loop.control.force_limit, log.force.get(axis)
     if force is not None and limit is not None:

@@ -82,6 +82,23 @@ def smooth_step(t: np.ndarray) -> np.ndarray:
     return t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
 
 
+def around_motion(velocity: np.ndarray, sample_time: float, width: float) -> np.ndarray:
+    """Return 1 where a planned motion moves, and 0 in its rests: it fades within `width` s on both sides of a motion.
+
+    velocity     planned velocity at kT, m/s, shape (n,)
+    sample_time  T, s
+    """
+    n = velocity.size
+    moving = np.flatnonzero(np.abs(velocity) > _STILL)
+    if moving.size == 0:
+        return np.zeros(n)
+    k = np.arange(n)
+    after = np.searchsorted(moving, k)
+    ahead = np.abs(moving[np.minimum(after, moving.size - 1)] - k)
+    behind = np.abs(k - moving[np.maximum(after - 1, 0)])
+    return 1.0 - smooth_step(np.minimum(ahead, behind) * sample_time / width)
+
+
 def remembers(friction: Friction) -> bool:
     """Return True if the friction depends on the motion before, as in presliding (LuGre, Maxwell slip)."""
     return any(True for _ in tree.leaves(friction.start()))

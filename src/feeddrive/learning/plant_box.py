@@ -48,7 +48,9 @@ class PlantBox:
         for name in ("mass", "friction", "stiffness", "cut"):
             value = getattr(self, name)
             if not 0.0 <= value < 1.0:
-                raise ParameterError(f"box.{name} = {number(value, 6)} must be >= 0 and < 1")
+                raise ParameterError(
+                    f"box.{name} = {number(value, 6)} must be >= 0 and < 1: it is a share, such as 0.15 or 15%"
+                )
         if self.dead_time < 0:
             raise ParameterError(f"box.dead_time = {self.dead_time} must be >= 0 samples: a drive is not early")
 

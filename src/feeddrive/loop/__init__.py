@@ -14,6 +14,6 @@ make_lazy(
         "linearize": "compliance loop_gain tracking StateSpace linearize",
         "loop": "Loop Signals",
         "machine": "Machine",
-        "simulate": "Batch Run simulate simulate_batch stream",
+        "simulate": "Batch Run simulate simulate_batch stream stream_each",
     },
 )

@@ -22,3 +22,4 @@ from feeddrive.loop.simulate import Run as Run
 from feeddrive.loop.simulate import simulate as simulate
 from feeddrive.loop.simulate import simulate_batch as simulate_batch
 from feeddrive.loop.simulate import stream as stream
+from feeddrive.loop.simulate import stream_each as stream_each

@@ -22,6 +22,7 @@ _MASS = {"kg": 1.0, "kg m2": 1.0}
 _STIFFNESS = {"N/m": 1.0, "Hz": 0.5}
 _DEVIATIONS = 2  # standard errors of `identified`: 95 % of a normal error
 AUTO = "auto"  # the box of an identification, if its standard errors are known, and else the standard box
+BOXES = (AUTO, "standard", "identified", "none")  # boxes by a word
 _CORNERS = 64  # of a box whose corners are all examined; of a larger one this many
 _EDGES = 256  # largest number of edges whose middles are examined
 

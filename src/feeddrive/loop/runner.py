@@ -713,8 +713,23 @@ STRETCH = 65_536  # samples whose inputs are in memory at once
 def recorded(prepared: Prepared, code: Native, work: Work, states: np.ndarray, first: int, count: int) -> np.ndarray:
     """Compute `count` samples of a run, updating `states`; return the recorded signals, shape (count, signals)."""
     constants, rows = prepared.constants(code), prepared.rows(code)
+    return recorded_by_lane(code, work, constants, states, rows, first, count)[:, :, 0]
+
+
+def recorded_by_lane(
+    code: Native,
+    work: Work,
+    constants: np.ndarray,
+    states: np.ndarray,
+    rows: Sequence[np.ndarray],
+    first: int,
+    count: int,
+) -> np.ndarray:
+    """Compute `count` samples of the runs in all lanes, updating `states`, shape (n, lanes); return the recorded
+    signals, shape (count, signals, lanes).
+    """
     work.sample(first, count)
-    record = np.empty((count, len(code.plan.outputs)))
+    record = np.empty((count, len(code.plan.outputs), code.plan.lanes))
     for start in range(0, count, STRETCH):
         size = min(STRETCH, count - start)
         inputs = work.inputs(code, first + start, size)

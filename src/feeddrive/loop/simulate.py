@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,7 +25,7 @@ from feeddrive.loop.engine.llvm import Native
 from feeddrive.loop.engine.plan import ARITHMETIC
 from feeddrive.loop.loop import Loop, quantity, unit_of
 from feeddrive.loop.machine import Machine, System, check_system, turning_ports, velocity_ports
-from feeddrive.loop.runner import LEFT, Prepared, Work, cores, gathered, grouped, recorded
+from feeddrive.loop.runner import LEFT, Prepared, Work, cores, gathered, grouped, recorded, recorded_by_lane
 
 # by sample (int) or time in s (float): a whole control, or values of some of its parameters by path
 Changes: TypeAlias = Mapping[int | float, Control | Mapping[str, float]]
@@ -348,12 +348,12 @@ def _bound(work: Work, bound: float | None, count: int) -> float:
     return max(1.0, 100.0 * work.travel(count, 257))
 
 
-def _check_inside(left: float, bound: float, T: float) -> None:
+def _check_inside(left: float, bound: float, T: float, where: str = "") -> None:
     if left >= 0.0:
         raise DivergedError(
-            f"the loop left its bounds at sample {int(left)} (t = {Quantity(left * T, 's'):6 SI}): |tracking error| > "
-            f"{Quantity(bound, 'm'):6 SI}. It is unstable or was started far from its setpoint: check its margins, "
-            "gains and sample time"
+            f"{where}the loop left its bounds at sample {int(left)} (t = {Quantity(left * T, 's'):6 SI}): |tracking "
+            f"error| > {Quantity(bound, 'm'):6 SI}. It is unstable or was started far from its setpoint: check its "
+            "margins, gains and sample time"
         )
 
 
@@ -510,3 +510,112 @@ def stream(
         rows = course.advance(compiled, work, states, first, size)
         _check_inside(states[left, 0], limit, work.T)
         yield Run(name, Recorded(record, rows), work.T, size, first, turning_ports(loop), velocity_ports(loop))
+
+
+_LANES = (1, 2, 4, 8)  # of a vector; wider ones gain nothing for the few systems of a group
+
+
+def stream_each(
+    systems: Mapping[str, System],
+    reference: Reference | Mapping[str, Reference],
+    *,
+    load: Load | Mapping[str, Load] | None = None,
+    added_force: Load | Mapping[str, Load] | None = None,
+    seeds: Mapping[str, int] | None = None,
+    duration: float | None = None,
+    record: Sequence[str] | None = None,
+    bound: float | None = None,
+    chunk: int = CHUNK,
+    threads: int | None = None,
+    name: str = "runs",
+    progress: Progress | None = None,
+) -> Iterator[dict[str, Run]]:
+    """Yield the runs of several systems along the same references, by name, in chunks of samples.
+
+    Systems that differ in numbers only share a program and a vector, in which each has a lane; the bits are those of
+    `simulate`, also for another number of `threads` (default: all cores).  All systems have the same signals.
+
+    seeds  integer seed of the noise by name; default: 0
+
+    Other arguments and errors are those of `simulate`; the error of a run that leaves its bounds names its system.
+    """
+    groups: dict[Hashable, list[str]] = {}
+    for each, system in systems.items():
+        check_system(system)
+        tables = tuple((table, row.tobytes()) for table, row in tree.tables(system))
+        groups.setdefault((tree.structure(system), system.timing(()), tables), []).append(each)
+    most = _LANES[-1]
+    lanes = [
+        _Lanes(
+            {each: systems[each] for each in group[begin : begin + most]},
+            Work(systems[group[0]], reference, load, None, added_force),
+            seeds or {},
+            duration,
+            record,
+            bound,
+        )
+        for group in groups.values()
+        for begin in range(0, len(group), most)
+    ]
+    count, T = lanes[0].count, lanes[0].work.T
+    with ThreadPoolExecutor(threads or cores()) as pool:
+        for first in range(0, count, chunk):
+            if progress is not None:
+                progress.step(f"{name}: seconds of the run", int(first * T), int(count * T))
+            size = min(chunk, count - first)
+            advancing = [pool.submit(lane.advance, first, size) for lane in lanes]
+            runs = {each: run for lane in advancing for each, run in lane.result().items()}
+            yield {each: runs[each] for each in systems}
+
+
+class _Lanes:
+    """The runs of systems of one structure, each in a lane of one vector."""
+
+    def __init__(
+        self,
+        systems: Mapping[str, System],
+        work: Work,
+        seeds: Mapping[str, int],
+        duration: float | None,
+        record: Sequence[str] | None,
+        bound: float | None,
+    ) -> None:
+        self.names, self.work = list(systems), work
+        one = systems[self.names[0]]
+        self.record = checked_signals(one, one.signals() if record is None else record, "exact")
+        self.count = sample_count(work, duration)
+        work.sample(0, self.count)
+        self.bound = _bound(work, bound, self.count)
+        width = next(lanes for lanes in _LANES if lanes >= len(systems))
+        seed: Any = [seeds.get(name, 0) for name in self.names]
+        prepared = Prepared(_joined(systems), work.first(), None, seed[0] if width == 1 else seed, self.bound)
+        probes = [
+            f"{port}added_force"
+            for axis, port in zip(one.loops(), one.ports(), strict=True)
+            if axis in work.added_force
+        ]
+        program = prepared.program(load=work.load, probes=probes)
+        bounded = everywhere(one, ["tracking_error"])
+        self.code = prepared.native(program, record=self.record, bounded=bounded, lanes=width)
+        every = slice(0, len(systems)) if width > 1 else None
+        self.constants, self.states = prepared.constants(self.code, every), prepared.states(self.code, every)
+        self.rows = prepared.rows(self.code)
+        self.left = self.code.plan.memory.index(LEFT)
+        self.turning, self.by_velocity = turning_ports(one), velocity_ports(one)
+
+    def advance(self, first: int, count: int) -> dict[str, Run]:
+        """Return the runs over a range of samples, by name. Raise DivergedError for one that left its bounds."""
+        rows = recorded_by_lane(self.code, self.work, self.constants, self.states, self.rows, first, count)
+        runs: dict[str, Run] = {}
+        for lane, name in enumerate(self.names):
+            _check_inside(float(self.states[self.left, lane]), self.bound, self.work.T, f"{name}: ")
+            signals = Recorded(self.record, rows[:, :, lane])
+            runs[name] = Run(name, signals, self.work.T, count, first, self.turning, self.by_velocity)
+        return runs
+
+
+def _joined(systems: Mapping[str, System]) -> Any:
+    """Return one system whose leaves are arrays over systems of the same structure where their numbers differ."""
+    rows = zip(*([value for _, value in tree.leaves(system)] for system in systems.values()), strict=True)
+    values = (row[0] if all(value == row[0] for value in row) else np.array(row, np.float64) for row in rows)
+    return tree.rebuild(next(iter(systems.values())), values)

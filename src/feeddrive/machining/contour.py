@@ -118,6 +118,14 @@ def curve_through(position: np.ndarray, velocity: np.ndarray | None = None) -> C
     return Curve(node, along, np.ascontiguousarray(arc * sides[0]), np.ascontiguousarray(arc * sides[1]), row)
 
 
+def curve_of_motion(position: np.ndarray, velocity: np.ndarray, sample_time: float) -> Curve:
+    """Return the curve through set positions, m, with the directions of their velocities, m/s, shape (n, N).
+
+    Velocities that are backward differences of the positions are not tangent to the path, and are not used.
+    """
+    return curve_through(position, None if _differenced(position, velocity, sample_time) else velocity)
+
+
 class Feet(NamedTuple):
     """The nearest points of a curve to given positions.
 
@@ -500,6 +508,7 @@ def contour_error(
     sample_time: float = 1.0,
     window: float | None = None,
     name: str | None = None,
+    curve: Curve | None = None,
 ) -> ContourError:
     """Compute the distance of the tool from its path: ε = ± |P - c(u)| with (c(u) - P) · c'(u) = 0.
 
@@ -519,6 +528,8 @@ def contour_error(
     window        range of path length around the set position that is searched for the nearest point, m; default: twice
                   the largest tracking error, which is at least 2 V (lag + dead time).  Parts of a path that are closer
                   to each other than the window are not distinguished
+
+    curve         `curve_of_motion` of the set positions, if several runs follow them; default: `curve_through`
 
     The path between two set positions is a cubic (`curve_through`); a standstill is one point, a corner has no normal.
     The estimate is accurate to second order.  Source: definition of the contour error, Koren & Lo 1991.
@@ -556,7 +567,8 @@ def contour_error(
     if counted is not None and np.shape(counted) != time.shape:
         raise ParameterError(f"counted has {np.size(counted)} rows, the positions have {len(time)}")
     setpoint, speed = rows["path"], rows.get("velocity")
-    curve = curve_through(setpoint, speed)
+    if curve is None:
+        curve = curve_through(setpoint, speed)
     away = setpoint - position
     reach = 2.0 * float(np.max(size(away))) if window is None else window
     expected = curve.place(len(time))

@@ -58,6 +58,49 @@ def stated(value: float, unit: str = "", digits: str = "4", *, bare: bool = Fals
     return Quantity(value / size, si, form=f"{digits} {name}", bare=bare)
 
 
+# largest difference from an exact value, in SI units or as a share, that rounding and the hold of a sample may leave
+ROUNDING = 1e-4
+ORDER = "an order, for which no figure was given"
+# of a claim whose figure is a difference from another computation or a closed form
+DIFFERENCE = "a difference, which is never less than 0"
+# why the bounds of `kept` stand: no other computation of the figure is known
+KEPT = "computed here, held to 10 %: guards against change, no truth"
+
+
+# of a difference over its error, a share of a bound, or a pole: less would be as good
+LESS = "less would be as good"
+
+
+def printed(figure: str) -> tuple[float, float]:
+    """Return the least and the largest number that rounds to a printed figure: half a unit of its last digit."""
+    mantissa = figure.lower().partition("e")[0]
+    digits = len(mantissa.partition(".")[2])
+    half = 0.5 * 10.0**-digits * (float(figure) / float(mantissa))
+    return float(figure) - half, float(figure) + half
+
+
+def quotient(above: str, below: str, known: float = 0.0, *, known_below: float | None = None) -> tuple[float, float]:
+    """Return the bounds of the quotient of two printed figures.
+
+    known        share to which the quotient is known beyond the digits, e.g. 0.2
+    known_below  share to which the figure below is known; `known` then belongs to the figure above
+    """
+    (low, high), (least, most) = printed(above), printed(below)
+    if known_below is None:
+        return (1.0 - known) * low / most, (1.0 + known) * high / least
+    return (1.0 - known) * low / ((1.0 + known_below) * most), (1.0 + known) * high / ((1.0 - known_below) * least)
+
+
+def within(expected: float, share: float) -> tuple[float, float]:
+    """Return the bounds of a figure that is known to a share."""
+    return (1.0 - share) * expected, (1.0 + share) * expected
+
+
+def kept(figure: float) -> tuple[float, float]:
+    """Return the bounds of a figure that was computed here alone; its rule must have the words of `KEPT`."""
+    return within(figure, 0.1)
+
+
 @dataclass(frozen=True)
 class Claim:
     """A falsifiable statement: it holds if  least <= got <= most  (a bound may be absent).
@@ -68,6 +111,8 @@ class Claim:
     got        the computed figure, in `unit`
     expected   the expected result in words; if empty, it is given by the bounds
     equations  equations of shipped blocks, such as "DADSC (4)"; the claim must fail if one of them is changed
+    one_sided  why there is one bound and no figure to either side, e.g. ORDER; not needed for a difference whose bound
+               is that of rounding (`ROUNDING`)
     """
 
     key: str
@@ -79,9 +124,10 @@ class Claim:
     unit: str = ""
     expected: str = ""
     equations: tuple[str, ...] = ()
+    one_sided: str = ""
 
     def __post_init__(self) -> None:
-        for name in ("key", "claim", "rule", "expected"):
+        for name in ("key", "claim", "rule", "expected", "one_sided"):
             object.__setattr__(self, name, Text(getattr(self, name)))
 
     @property
@@ -91,6 +137,15 @@ class Claim:
         below = self.most is None or self.got <= self.most
         # NaN fails no comparison if both bounds are absent
         return above and below and not math.isnan(self.got)
+
+    @property
+    def unexplained(self) -> bool:
+        """True if the claim accepts anything above or below its bound and does not say why."""
+        if self.least is not None and self.most is not None:
+            return False
+        # a difference from 0, which is never less
+        exact = self.most is not None and 0.0 < float(stated(self.most, self.unit).value) <= ROUNDING
+        return not exact and not self.one_sided
 
     @property
     def bounds(self) -> Text:
@@ -110,7 +165,8 @@ class Claim:
 
     def cells(self) -> list[str]:
         """Return the cells of the table row as strings."""
-        expected = Text(f"{self.expected} ({self.bounds})") if self.expected else self.bounds
+        bounds = Text(f"{self.bounds}; {self.one_sided}") if self.one_sided else self.bounds
+        expected = Text(f"{self.expected} ({bounds})") if self.expected else bounds
         verdict = "holds" if self.holds else "DOES NOT HOLD"
         return [self.key, self.claim, self.rule, expected, Text(f"{self.shown}"), verdict]
 
@@ -317,6 +373,7 @@ def _figures(reproduced: Sequence[Reproduced]) -> dict[str, object]:
                 "most": claim.most,
                 "got": claim.got if math.isfinite(claim.got) else None,
                 "unit": claim.unit,
+                "one_sided": claim.one_sided,
                 "holds": claim.holds,
                 "equations": list(claim.equations),
             }

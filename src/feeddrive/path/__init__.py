@@ -7,10 +7,14 @@ make_lazy(
     {
         "program.blocks": "read_offsets Line",
         "program.moves": (
-            "Command canonical_text Arc Dwell End Feed Message Move Offsets PathMode Point Spindle Spline Stop "
-            "Straight Switch Synchronized ToolChange"
+            "Command canonical_text Arc Dwell End Feed Ignored Message Move Offsets PathMode Point Probe Spindle "
+            "Spline Stop Straight Switch Synchronized ToolChange Wait"
         ),
         "program.reading": "read_commands read_program",
         "program.state": "Tool read_tools",
+        "limits": "AxisLimits MachineLimits",
+        "planned": "Planned planned_of",
+        "setpoints": "Setpoints",
+        "polygon": "waypoints",
     },
 )

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats2
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records, rows_for
 
 LINE, ARC, POLYNOMIAL = 0, 1, 2
 
@@ -37,12 +37,48 @@ class Pieces(NamedTuple):
     line    line number in the part program, shape (n,)
     """
 
-    kind: np.ndarray
-    length: np.ndarray
-    origin: np.ndarray
-    shape: np.ndarray
-    feed: np.ndarray
-    line: np.ndarray
+    kind: Ints
+    length: Floats
+    origin: Floats2
+    shape: Floats3
+    feed: Floats
+    line: Ints
+
+
+class Piece(NamedTuple):
+    """The shape of one piece, as in `Pieces`: its kind, its length (m), and `shape` of shape (N, 8)."""
+
+    kind: int
+    length: float
+    shape: Floats2
+
+
+class ArcAxis(NamedTuple):
+    """The shape of an arc along one axis, as in `Pieces`: E1 and E2 (m), slope, and κ (1/m, the same for each axis)."""
+
+    E1: float
+    E2: float
+    slope: float
+    curvature: float
+
+
+class Derivatives(NamedTuple):
+    """A coordinate and its first to fourth derivative, with respect to x or to time."""
+
+    value: float
+    first: float
+    second: float
+    third: float
+    fourth: float
+
+
+class Limits(NamedTuple):
+    """The limits of an axis, m/s .. m/s⁴."""
+
+    velocity: float
+    acceleration: float
+    jerk: float
+    snap: float
 
 
 class Section(NamedTuple):
@@ -58,12 +94,17 @@ class Section(NamedTuple):
 
 def part_of_pieces(pieces: Pieces, first: int, last: int) -> Pieces:
     """Return the pieces from `first` up to but excluding `last`."""
-    return Pieces(*(column[first:last] for column in pieces))
+    return Pieces._make([column[first:last] for column in pieces])
 
 
 def one_after_the_other(pieces: Sequence[Pieces]) -> Pieces:
     """Concatenate pieces of one path."""
     return Pieces(*(np.concatenate(columns) for columns in zip(*pieces, strict=True)))
+
+
+def piece_of(pieces: Pieces, p: int) -> Piece:
+    """Return piece p."""
+    return Piece(int(pieces.kind[p]), float(pieces.length[p]), pieces.shape[p])
 
 
 @kernel
@@ -91,30 +132,60 @@ def turned(theta: float) -> tuple[float, float]:
 
 
 @kernel
-def derivatives(kind: int, length: float, shape: Floats2, x: float, out: Floats2) -> int:
-    """Write r - r(0), r', r'', r''' and r'''' of one piece at x into `out` of shape (N, >= 5)."""
+def arc_axis(shape: Floats2, i: int) -> ArcAxis:
+    """Return the shape of an arc along axis i."""
+    return ArcAxis(shape[i, 0], shape[i, 1], shape[i, 2], shape[i, 3])
+
+
+@kernel
+def line_way(shape: Floats2, i: int) -> float:
+    """Return the displacement of a line along axis i, m."""
+    return shape[i, 1]
+
+
+@kernel
+def put_line(shape: Floats2, i: int, way: float) -> int:
+    """Make a piece a line along axis i, by its displacement in m."""
+    shape[i] = 0.0, way, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    return 0
+
+
+@kernel
+def put_arc(shape: Floats2, i: int, axis: ArcAxis) -> int:
+    """Make a piece an arc along axis i."""
+    shape[i] = axis.E1, axis.E2, axis.slope, axis.curvature, 0.0, 0.0, 0.0, 0.0
+    return 0
+
+
+@kernel
+def less_line(shape: Floats2, i: int, way: float) -> int:
+    """Subtract a line along axis i, by its displacement in m, from a polynomial."""
+    shape[i, 1] = shape[i, 1] - way
+    return 0
+
+
+@kernel
+def derivatives(kind: int, length: float, shape: Floats2, x: float, out: Records[Derivatives]) -> int:
+    """Write r - r(0), r', r'', r''' and r'''' of each axis of one piece at x into `out`."""
     if kind == 1:
-        kappa = shape[0, 3]
+        kappa = arc_axis(shape, 0).curvature
         s, v = turned(kappa * x)
         c = 1.0 - v
         k2 = kappa * kappa
         for i in range(len(shape)):
-            e1 = shape[i, 0]
-            e2 = shape[i, 1]
-            out[i, 0] = e2 * s - e1 * v + shape[i, 2] * x
-            out[i, 1] = kappa * (e2 * c - e1 * s) + shape[i, 2]
-            out[i, 2] = -k2 * (e1 * c + e2 * s)
-            out[i, 3] = k2 * kappa * (e1 * s - e2 * c)
-            out[i, 4] = k2 * k2 * (e1 * c + e2 * s)
+            e1, e2, slope, _ = arc_axis(shape, i)
+            out[i] = Derivatives(
+                e2 * s - e1 * v + slope * x,
+                kappa * (e2 * c - e1 * s) + slope,
+                -k2 * (e1 * c + e2 * s),
+                k2 * kappa * (e1 * s - e2 * c),
+                k2 * k2 * (e1 * c + e2 * s),
+            )
         return 0
     xi = x / length
     if kind == 0:
         for i in range(len(shape)):
-            out[i, 0] = shape[i, 1] * xi
-            out[i, 1] = shape[i, 1] / length
-            out[i, 2] = 0.0
-            out[i, 3] = 0.0
-            out[i, 4] = 0.0
+            out[i] = Derivatives(line_way(shape, i) * xi, line_way(shape, i) / length, 0.0, 0.0, 0.0)
         return 0
     for i in range(len(shape)):
         p0 = 0.0
@@ -130,11 +201,13 @@ def derivatives(kind: int, length: float, shape: Floats2, x: float, out: Floats2
             p2 = p2 * xi + p1
             p1 = p1 * xi + p0
             p0 = p0 * xi + (shape[i, k] if k > 0 else 0.0)
-        out[i, 0] = p0
-        out[i, 1] = p1 / length
-        out[i, 2] = 2.0 * p2 / (length * length)
-        out[i, 3] = 6.0 * p3 / (length * length * length)
-        out[i, 4] = 24.0 * p4 / (length * length * length * length)
+        out[i] = Derivatives(
+            p0,
+            p1 / length,
+            2.0 * p2 / (length * length),
+            6.0 * p3 / (length * length * length),
+            24.0 * p4 / (length * length * length * length),
+        )
     return 0
 
 
@@ -147,13 +220,24 @@ class Motion(NamedTuple):
     speed, acceleration, jerk, snap  u' .. u'''' at the start of each interval, m/s .. m/s⁴
     """
 
-    duration: np.ndarray
-    piece: np.ndarray
-    x: np.ndarray
-    speed: np.ndarray
-    acceleration: np.ndarray
-    jerk: np.ndarray
-    snap: np.ndarray
+    duration: Floats
+    piece: Ints
+    x: Floats
+    speed: Floats
+    acceleration: Floats
+    jerk: Floats
+    snap: Floats
+
+
+class Interval(NamedTuple):
+    """A time interval of constant u'''' on one known piece: its duration (s), and x .. u'''' at its start."""
+
+    duration: float
+    x: float
+    speed: float
+    acceleration: float
+    jerk: float
+    snap: float
 
 
 class Entering(NamedTuple):
@@ -197,20 +281,38 @@ class Pause(NamedTuple):
 
 
 def rows(motion: Motion) -> np.ndarray:
-    """Return duration, x, speed, acceleration, jerk and snap as columns of one array, without the piece index."""
-    table = np.empty((len(motion.duration), 6))
-    table[:, 0] = motion.duration
-    for k, column in enumerate(motion[2:]):
-        table[:, k + 1] = column
+    """Return the time intervals of a motion on one piece as an array of `Interval`."""
+    table = rows_for(Interval, len(motion.duration))
+    for column, values in zip(table.T, (motion.duration, *motion[2:]), strict=True):
+        column[:] = values
     return table
 
 
 def from_rows(new: np.ndarray, piece: int, x: float = 0.0) -> Motion:
-    """Return the motion on one path piece, starting at x, from rows as returned by `rows`."""
+    """Return the motion on one path piece, starting at x, from an array of `Interval`."""
     # copied, since callers reuse their rows and x is added in place
     duration, place, *state = new.T.copy()
     place += x
     return Motion(duration, np.full(len(new), piece), place, *state)
+
+
+def line_shapes(ways: np.ndarray) -> np.ndarray:
+    """Return the shape of lines, (n, N, 8), from their displacements, m, shape (n, N)."""
+    shapes = np.zeros((*ways.shape, 8))
+    shapes[:, :, 1] = ways
+    return shapes
+
+
+def arc_shape(E1: np.ndarray, E2: np.ndarray, slope: np.ndarray, curvature: float) -> np.ndarray:
+    """Return the shape of an arc, (N, 8)."""
+    shape = np.zeros((len(E1), 8))
+    shape[:, :4] = np.stack([E1, E2, slope, np.full(len(E1), curvature)], axis=1)
+    return shape
+
+
+def direction(pieces: Pieces, k: int) -> np.ndarray:
+    """Return r' of a line, shape (N,)."""
+    return pieces.shape[k, :, 1] / float(pieces.length[k])
 
 
 @kernel
@@ -251,15 +353,30 @@ def when(far: float, v: float, a: float, j: float, s: float, t0: float, t1: floa
 
 
 @kernel
-def chain(v: float, a: float, j: float, s: float, r: Floats2, out: Floats2) -> int:
-    """Write q' .. q'''' of each axis into columns 1 to 4 of `out`, by the chain rule from u' .. u'''' and r' .. r''''
-    (columns 1 to 4 of r).
-    """
+def interval_of(motion: Motion, m: int) -> Interval:
+    """Return time interval m, without the index of its piece."""
+    return Interval(
+        motion.duration[m], motion.x[m], motion.speed[m], motion.acceleration[m], motion.jerk[m], motion.snap[m]
+    )
+
+
+@kernel
+def moved(interval: Interval, t: float) -> Interval:
+    """Return the rest of a time interval from t on."""
+    duration, x, v, a, j, s = interval
+    return Interval(duration - t, x + way(v, a, j, s, t), cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s)
+
+
+@kernel
+def chain(v: float, a: float, j: float, s: float, r: Records[Derivatives], out: Records[Derivatives]) -> int:
+    """Write q .. q'''' of each axis into `out`, by the chain rule from u' .. u'''' and r .. r''''."""
     for i in range(len(r)):
-        out[i, 1] = r[i, 1] * v
-        out[i, 2] = r[i, 2] * v * v + r[i, 1] * a
-        out[i, 3] = r[i, 3] * v * v * v + 3.0 * r[i, 2] * v * a + r[i, 1] * j
-        out[i, 4] = (
-            r[i, 4] * v * v * v * v + 6.0 * r[i, 3] * v * v * a + r[i, 2] * (3.0 * a * a + 4.0 * v * j) + r[i, 1] * s
+        r0, r1, r2, r3, r4 = r[i]
+        out[i] = Derivatives(
+            r0,
+            r1 * v,
+            r2 * v * v + r1 * a,
+            r3 * v * v * v + 3.0 * r2 * v * a + r1 * j,
+            r4 * v * v * v * v + 6.0 * r3 * v * v * a + r2 * (3.0 * a * a + 4.0 * v * j) + r1 * s,
         )
     return 0

@@ -38,11 +38,12 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, zeros
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records, Records2, zeros
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
 from feeddrive.path.motion import (
+    Derivatives,
     Entering,
     Motion,
     Part,
@@ -439,8 +440,27 @@ def _share(
 
 
 @kernel
-def _derived(kind: int, length: float, shape: Floats2, x: float, s: float, u: Floats2, r: Floats2, q: Floats2) -> int:
-    """Write r - r(0) into the first column of r, and q' .. q'''' of one motion into columns 1 to 4 of q."""
+def _used(v: float, a: float, j: float, s: float, limits: Floats, uses: Floats) -> int:
+    """Update the peak utilization of the limits of one axis."""
+    uses[0] = max(uses[0], abs(v) / limits[0])
+    uses[1] = max(uses[1], abs(a) / limits[1])
+    uses[2] = max(uses[2], abs(j) / limits[2])
+    uses[3] = max(uses[3], abs(s) / limits[3])
+    return 0
+
+
+@kernel
+def _derived(
+    kind: int,
+    length: float,
+    shape: Floats2,
+    x: float,
+    s: float,
+    u: Floats2,
+    r: Records[Derivatives],
+    q: Records[Derivatives],
+) -> int:
+    """Write the derivatives of one piece at x into r, and those of the motion into q."""
     derivatives(kind, length, shape, min(max(x, 0.0), length), r)
     chain(u[9, 0], u[10, 0], u[11, 0], s, r, q)
     return 0
@@ -461,8 +481,8 @@ def prove_sum(
     feed: float,
     faults: Floats2,
     uses: Floats2,
-    r: Floats3,
-    q: Floats3,
+    r: Records2[Derivatives],
+    q: Records2[Derivatives],
 ) -> tuple[int, int, float]:
     """Prove the sum of two motions with common time intervals; return the number of spans tested, the number of faults,
     and a bound on the distance, m.
@@ -488,8 +508,16 @@ def prove_sum(
         _derived(kind0, length0, shape0, x0, s0, u0, r[0], q[0])
         _derived(kind1, length1, shape1, x1, s1, u1, r[1], q[1])
         for i in range(len(limits)):
-            for k in range(4):
-                uses[i, k] = max(uses[i, k], abs(q[0, i, k + 1] + q[1, i, k + 1]) / limits[i, k])
+            one = q[0, i]
+            two = q[1, i]
+            _used(
+                one.first + two.first,
+                one.second + two.second,
+                one.third + two.third,
+                one.fourth + two.fourth,
+                limits[i],
+                uses[i],
+            )
         count = 1
         halves[0] = 0.0, motion0[m, 0]
         # a span that is still open at this width is at a limit up to rounding: it counts as a fault
@@ -577,7 +605,7 @@ def distance(
     length1: float,
     shape1: Floats2,
     motion1: Floats2,
-    r: Floats3,
+    r: Records2[Derivatives],
 ) -> float:
     """Bound the distance between q and the corner's two pieces, m, for motions that do not run backwards."""
     r0 = zeros(12, 4, 2)
@@ -615,9 +643,9 @@ def distance(
     derivatives(kind1, length1, shape1, x1, r[2])
     for i in range(len(shape0)):
         # q - c, and the deviation of the pieces from their chords to the corner
-        apart = r[1, i, 0] - r[0, i, 0] + r[2, i, 0]
+        apart = r[1, i].value - r[0, i].value + r[2, i].value
         gap = gap + apart * apart
-        apart = r[2, i, 1] / norm1 - r[0, i, 1] / norm0
+        apart = r[2, i].first / norm1 - r[0, i].first / norm0
         turn = turn + apart * apart
         p = max(-r0[i, 1, 0], r0[i, 1, 1])
         bend0 = bend0 + p * p
@@ -693,6 +721,16 @@ def _span(
     return tests, -2, 0.0
 
 
+class Broken(NamedTuple):
+    """A fault as noted by kernels: path piece, time interval, time within it (s), number of the limit, utilization."""
+
+    piece: float
+    interval: float
+    time: float
+    limit: float
+    share: float
+
+
 @kernel
 def _noted(faults: Floats2, count: int, p: int, m: int, time: float, which: float, share: float) -> int:
     """Record one more fault; faults beyond the last row are only counted."""
@@ -727,9 +765,9 @@ def _prove(
     jumps: Floats,
     halves: Floats2,
     r: Floats3,
-    before: Floats2,
-    after: Floats2,
-    q: Floats2,
+    before: Records[Derivatives],
+    after: Records[Derivatives],
+    q: Records[Derivatives],
 ) -> tuple[int, int]:
     """Return the number of tests and the number of faults; a row of `faults` contains path piece, time interval, time
     within it, limit, utilization.
@@ -756,7 +794,7 @@ def _prove(
     apart = 0.0
     size = 1.0
     for i in range(n):
-        apart = max(apart, abs(origin[0, i] + before[i, 0] - place[i]))
+        apart = max(apart, abs(origin[0, i] + before[i].value - place[i]))
         size = max(size, 1.0 + abs(place[i]))
     if not anywhere and apart > 1e-12 * size:
         count = _noted(faults, count, 0, 0, 0.0, -8.0, apart)
@@ -778,10 +816,12 @@ def _prove(
             derivatives(kind[p], length[p], shape[p], came, before)
             chain(v1 - v, 0.0, 0.0, 0.0, before, q)
             for i in range(n):
-                worst = max(worst, abs(q[i, 1]) / limits[i, 0])
-                worst = max(worst, abs(before[i, 1] * (a1 - a) + before[i, 2] * (v1 * v1 - v * v)) / limits[i, 1])
-                worst = max(worst, abs(before[i, 1] * (j1 - j)) / limits[i, 2])
-                jumps[0] = max(jumps[0], abs(before[i, 1] * gap))
+                worst = max(worst, abs(q[i].first) / limits[i, 0])
+                worst = max(
+                    worst, abs(before[i].first * (a1 - a) + before[i].second * (v1 * v1 - v * v)) / limits[i, 1]
+                )
+                worst = max(worst, abs(before[i].first * (j1 - j)) / limits[i, 2])
+                jumps[0] = max(jumps[0], abs(before[i].first * gap))
             jumps[1] = max(jumps[1], worst)
         outside = came < -1e-12 or came > length[p] + 1e-12 * (1.0 + length[p])
         if not right or outside or worst > widened or abs(gap) > 1e-12 * (1.0 + length[p]):
@@ -821,8 +861,7 @@ def _prove(
                     derivatives(kind[p], length[p], shape[p], here, before)
                     chain(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s, before, q)
                     for i in range(n):
-                        for k in range(4):
-                            uses[i, k] = max(uses[i, k], abs(q[i, k + 1]) / limits[i, k])
+                        _used(q[i].first, q[i].second, q[i].third, q[i].fourth, limits[i], uses[i])
             t0 = t1
             # a part of a run may end at a joint, where its last piece begins
             ahead = piece[m + 1] == p + 1 if m + 1 < len(duration) else not ends and p + 1 == last
@@ -837,13 +876,13 @@ def _prove(
             worst = 0.0
             for i in range(n):
                 # jumps of q' .. q''' by the chain rule: derivatives of u are continuous at a joint of the path
-                d1 = after[i, 1] - before[i, 1]
-                d2 = after[i, 2] - before[i, 2]
-                d3 = after[i, 3] - before[i, 3]
+                d1 = after[i].first - before[i].first
+                d2 = after[i].second - before[i].second
+                d3 = after[i].third - before[i].third
                 worst = max(worst, abs(d1 * v1) / limits[i, 0])
                 worst = max(worst, abs(d2 * v1 * v1 + d1 * a1) / limits[i, 1])
                 worst = max(worst, abs(d3 * v1 * v1 * v1 + 3.0 * d2 * v1 * a1 + d1 * j1) / limits[i, 2])
-                apart = abs(origin[p + 1, i] - (origin[p, i] + before[i, 0]))
+                apart = abs(origin[p + 1, i] - (origin[p, i] + before[i].value))
                 jumps[0] = max(jumps[0], apart)
                 if apart > 1e-12 * (1.0 + abs(origin[p, i]) + length[p]):
                     worst = max(worst, 1.0)
@@ -861,7 +900,7 @@ def _prove(
         v = v1
     derivatives(kind[p], length[p], shape[p], came, before)
     for i in range(n):
-        place[i] = origin[p, i] + before[i, 0]
+        place[i] = origin[p, i] + before[i].value
     state[0] = came
     state[1] = v
     state[2] = a

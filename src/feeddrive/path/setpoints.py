@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
+from feeddrive.language.kernels.source import Records, Records2
 from feeddrive.language.quantity import number
 from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
 from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.limits import MachineLimits
-from feeddrive.path.motion import Motion, Part, Pause, Pieces, Section, chain, cubic, derivatives, way
+from feeddrive.path.motion import Derivatives, Motion, Part, Pause, Pieces, Section, chain, cubic, derivatives, way
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
 from feeddrive.path.proof import Prover
 from feeddrive.path.schedule.corner import Crossings
@@ -56,7 +56,7 @@ def planned(
                 continue
             # an overlap is contained in both runs, so that its time was counted twice
             if part.entering is not None:
-                schedule.time -= float(np.sum(part.motion.duration))
+                schedule.time -= float(part.motion.duration.sum())
             yield part._replace(mode=modes.popleft()) if part.ends else part
 
     for segments in chains(moves, axes):
@@ -115,38 +115,33 @@ def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, li
 
 
 def _lasts(parts: list[Part | Pause]) -> float:
-    return sum(float(np.sum(part.motion.duration)) for part in parts if isinstance(part, Part))
+    return sum(float(part.motion.duration.sum()) for part in parts if isinstance(part, Part))
 
 
 @kernel
 def _sample(
-    kind: Ints,
-    length: Floats,
-    origin: Floats2,
-    shape: Floats3,
-    duration: Floats,
-    piece: Ints,
-    x: Floats,
-    speed: Floats,
-    acceleration: Floats,
-    jerk: Floats,
-    snap: Floats,
+    pieces: Pieces,
+    motion: Motion,
     begin: float,
     sample_time: float,
     first: int,
-    out: Floats3,
-    r: Floats2,
+    out: Records2[Derivatives],
+    r: Records[Derivatives],
 ) -> int:
     """Write samples `first`, `first` + 1 ... of a motion that starts at time `begin`; return the number of samples
     within it.
     """
     count = 0
     since = begin
-    last = len(length) - 1
-    for m in range(len(duration)):
-        T = duration[m]
-        p = int(piece[m])
-        x0 = x[m]
+    last = len(pieces.length) - 1
+    for m in range(len(motion.duration)):
+        T = motion.duration[m]
+        p = int(motion.piece[m])
+        x0 = motion.x[m]
+        v = motion.speed[m]
+        a = motion.acceleration[m]
+        j = motion.jerk[m]
+        s = motion.snap[m]
         while count < len(out):
             # from the sample number: a running sum of sample times would drift in programs of hours
             t = (first + count) * sample_time - since
@@ -154,17 +149,17 @@ def _sample(
                 break
             # the sum of durations may pass a sampling instant by rounding
             t = max(t, 0.0)
-            here = x0 + way(speed[m], acceleration[m], jerk[m], snap[m], t)
-            while here > length[p] and p < last:
-                x0 = x0 - length[p]
-                here = here - length[p]
+            here = x0 + way(v, a, j, s, t)
+            while here > pieces.length[p] and p < last:
+                x0 = x0 - pieces.length[p]
+                here = here - pieces.length[p]
                 p = p + 1
-            here = min(max(here, 0.0), length[p])
-            derivatives(kind[p], length[p], shape[p], here, r)
-            v = cubic(speed[m], acceleration[m], jerk[m], snap[m], t)
-            chain(v, acceleration[m] + t * (jerk[m] + 0.5 * t * snap[m]), jerk[m] + t * snap[m], snap[m], r, out[count])
+            here = min(max(here, 0.0), pieces.length[p])
+            derivatives(pieces.kind[p], pieces.length[p], pieces.shape[p], here, r)
+            axes = out[count]
+            chain(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s, r, axes)
             for i in range(len(r)):
-                out[count, i, 0] = origin[p, i] + r[i, 0]
+                axes[i] = axes[i]._replace(value=pieces.origin[p, i] + r[i].value)
             count = count + 1
         since = since + T
     return count
@@ -202,8 +197,7 @@ class Sampler:
         # one sample more than expected: the division may round down
         left = max(0, int(np.ceil(ends / self._sample_time)) + 1 - self._first)
         out = np.empty((min(most, left), axes, 5))
-        path = (pieces.kind, pieces.length, pieces.origin, pieces.shape)
-        count = _sample(*path, *motion, self._begin, self._sample_time, self._first, out, np.zeros((axes, 5)))
+        count = _sample(pieces, motion, self._begin, self._sample_time, self._first, out, np.zeros((axes, 5)))
         return out[:count]
 
     def rest(self, position: np.ndarray, duration: float) -> np.ndarray:
@@ -228,6 +222,8 @@ PAUSES = {
     "ExactStop": "exact stop (G61.1)",
     "Dwell": "dwell (G4)",
     "Stop": "program stop (M0, M1, M60)",
+    "Probe": "probe (G38)",
+    "Wait": "wait for an input (M66)",
     "ToolChange": "tool change",
     "Spindle": "spindle",
     "Switch": "coolant, output or override",

@@ -100,6 +100,8 @@ from feeddrive.plot.part_program import corner_zoom as corner_zoom
 from feeddrive.plot.part_program import corner_zoom_chart as corner_zoom_chart
 from feeddrive.plot.part_program import corrected as corrected
 from feeddrive.plot.part_program import corrected_chart as corrected_chart
+from feeddrive.plot.part_program import corrected_path as corrected_path
+from feeddrive.plot.part_program import corrected_path_chart as corrected_path_chart
 from feeddrive.plot.part_program import learned as learned
 from feeddrive.plot.part_program import learned_chart as learned_chart
 from feeddrive.plot.part_program import part_cutting as part_cutting

@@ -526,6 +526,37 @@ def corrected_chart(result: CorrectedProgram) -> Chart:
 corrected = figure_of(corrected_chart)
 
 
+def corrected_path_chart(result: CorrectedProgram, machine: str, *, corrected: bool) -> Chart:
+    """Plot the planned path in mm, colored by the size of the deviation, um, without or with a correction.
+
+    machine  one of `result.errors`: the nominal or the worst machine of the box
+
+    The two axes that move most span the picture.  All pictures of a result have one color scale, whose end is the
+    largest deviation on any of them.  Parts of the path that do not count are omitted.
+    """
+    size = result.errors[machine]["corrected" if corrected else "plain"]
+    most = max(float(np.nanmax(row)) for errors in result.errors.values() for row in errors.values())
+    plan = result.correction.plan
+    x, y = sorted(sorted(plan, key=lambda axis: -float(np.ptp(plan[axis].position)))[:2], key=list(plan).index)
+    rows = envelope(np.arange(size.size, dtype=np.float64), np.nan_to_num(size), _POINTS)[0].astype(np.intp)
+    heat = 1e6 * size[rows]
+    (across, up) = (np.where(np.isfinite(heat), 1e3 * plan[axis].position[rows], np.nan) for axis in (x, y))
+    (left, right), (low, high) = (style.padded(*_ends(values)) for values in (across, up))
+    shape = max(0.35, min(1.0, (high - low) / (right - left)))
+    plant = next(plant for plant in result.plants if plant.name == machine)
+    figures = plant.corrected if corrected else plant.plain
+    caption = Text(f"largest {Quantity(figures.largest, 'm')}, RMS {Quantity(figures.rms, 'm')}")
+    scale = Heat(f"contour error ({unit_name('um')})", 0.0, max(1e6 * most, 1e-9))
+    panel = Panel(
+        f"{y} ({unit_name('mm')})", (Curve(across, up, heat=heat),), low=low, high=high, caption=caption, heat=scale
+    )
+    height = 0.8 + 0.75 * chart.WIDTH * shape
+    return Chart(f"{x} ({unit_name('mm')})", (panel,), low=left, high=right, square=True, height=height)
+
+
+corrected_path = figure_of(corrected_path_chart)
+
+
 def learned_chart(learned: LearnedPart) -> Chart:
     """Plot the deviation from the path in the log of a part."""
     rms = Quantity(learned.figures.rms, "m")

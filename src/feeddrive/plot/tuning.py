@@ -52,16 +52,22 @@ trial = figure_of(trial_chart)
 
 
 def travel_chart(found: TunedTravel, proof: TravelProof | None = None) -> Chart:
-    """Plot goal, least stiffness and Ms over the position, of fixed gains and a schedule; shaded: proven."""
+    """Plot goal, least stiffness and Ms over the position, of fixed gains and a schedule; shaded: proven.
+
+    Of several payloads at a position the worst one is shown, by each figure for itself.
+    """
     figures = [found.goal, *(f for f in (STIFFNESS_LEAST, SENSITIVITY_PEAK) if f.key != found.goal.key)]
     panels: list[Panel] = []
     for figure in figures:
         unit, factor = _UNITS.get(figure.unit, (figure.unit, 1.0))
         curves: list[Curve] = []
         for number, (name, rows) in enumerate((("fixed gains", found.before), ("schedule", found.after))):
-            x = np.array([1e3 * row.position for row in rows])
-            values = [None if row.figures is None else figure.read(row.figures) for row in rows]
-            y = np.array([np.nan if value is None else value for value in values], float)
+            read = [(row.position, None if row.figures is None else figure.read(row.figures)) for row in rows]
+            x, places = np.unique([position for position, _ in read], return_inverse=True)
+            y = np.full(x.size, np.nan)
+            worse = np.fmin if figure.better == "higher" else np.fmax
+            worse.at(y, places, np.array([np.nan if value is None else value for _, value in read], float))
+            x = 1e3 * x
             curves.append(Curve(x, factor * y, name, number, chart.MARKED))
         levels: tuple[Level, ...] = ()
         boxes: tuple[Box, ...] = ()

@@ -18,6 +18,8 @@ from feeddrive.files.origins import with_origins
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Units
+from feeddrive.language.text import Text
+from feeddrive.loop.box import AUTO, Box
 from feeddrive.loop.control import Control
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import StateSpace, linearize
@@ -30,10 +32,12 @@ from feeddrive.tuning.by_hand import ByHand
 from feeddrive.tuning.closed_loop import through
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import READINGS, OperatingPoint, modelled_point, one_encoder
-from feeddrive.workflow.command import stem, told_apart
+from feeddrive.workflow.command import AT_THE_MODEL, stem, told_apart
+from feeddrive.workflow.tune import NO_MODEL
 from feeddrive.workflow.tune_files import machine_text
 from feeddrive.workflow.tune_sources import Sources, first_control, points_of
 
+AT_RESPONSES = "The limits hold for the measured responses, with their noise."
 _SIGNALS = ("following_error", "force")
 _REST = ("tracking_error", "force")  # of the rope snap
 
@@ -79,6 +83,19 @@ class Bench:
     def loop(self) -> Loop | None:
         """The loop of the axis with the reference controller, from the machine file; None without such a file."""
         return None if self.machine is None else self.machine.loops[self.axis]
+
+    def over(self, box: str) -> Text:
+        """Return in words which plants a value of the option --box means on this axis.
+
+        Raises ParameterError for a text that is none.
+        """
+        if self.machine is None:
+            # an unknown text is refused here as well
+            return Text(AT_RESPONSES if Box.parse(box) is None or box.strip() == AUTO else NO_MODEL)
+        found = self.machine.box(box, self.axis)
+        if found is None or (not self.from_machine and box.strip() == AUTO):
+            return Text(AT_THE_MODEL if self.from_machine else AT_RESPONSES)
+        return Text(f"Limits hold at all plants of the box: {found.text(self.needed_loop().axis)}.")
 
     @property
     def rotary(self) -> bool:

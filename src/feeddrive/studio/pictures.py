@@ -184,8 +184,9 @@ def _distance(poles: Sequence[LoopPole], s: complex) -> float:
 
 
 Thing = TypeVar("Thing", Curve, Mark, Disc, Note, Band)
-# `found` and `best so far` are never drawn together, so they may share a color
-NUMBERS = {"today": 0, "now": 1, "A": 2, "B": 3, "C": 4, "found": 5, "best so far": 5}
+# `found` and `best so far` are never drawn together, so they may share a color, as the worst plant may with a letter
+WORST = "found, worst plant"
+NUMBERS = {"today": 0, "now": 1, "A": 2, "B": 3, "C": 4, "found": 5, "best so far": 5, WORST: 2}
 _NO_MACHINE = "needs a machine file: a measured response alone has no poles, no friction and moves no axis"
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feeddrive.figures.of_loops import SENSITIVITY_PEAK, STIFFNESS_LEAST
 from feeddrive.language.errors import sentence
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import DRAWN, Quantity
@@ -21,15 +22,18 @@ from feeddrive.studio.jobs import perform
 if TYPE_CHECKING:
     from feeddrive.analysis.friction_map import FrictionMap
     from feeddrive.loop.control import Control
+    from feeddrive.loop.loop import Loop
     from feeddrive.machining.circle_test import CircleTest
     from feeddrive.report.report import Report
     from feeddrive.studio.uploads import Understood
+    from feeddrive.tuning.tune import Tuned
     from feeddrive.workflow.circle import CircleRequest
     from feeddrive.workflow.command import Outcome, Request
     from feeddrive.workflow.commission_steps import CommissionRequest
     from feeddrive.workflow.compare import CompareRequest
     from feeddrive.workflow.export import ExportRequest
     from feeddrive.workflow.run_job import RunRequest
+    from feeddrive.workflow.setpath import SetpathRequest
     from feeddrive.workflow.tour import TourRequest
     from feeddrive.workflow.tune import TuneRequest
 
@@ -56,6 +60,14 @@ class Shown:
     files: Mapping[str, Path] = field(default_factory=dict[str, Path])
     friction: FrictionMap | None = None
     result: Any = None
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """The controller of a search and, by picture, its loop at the plant of the box that is the worst there."""
+
+    control: Control
+    worst: Mapping[str, Loop]
 
 
 def shown(outcome: Outcome[Any], drawn: Collection[str] | None = None) -> Shown:
@@ -100,11 +112,14 @@ def shown_report(
 
     sections = [{**section, "parts": [*filter(kept, section["parts"])]} for section in record["sections"]]
     verdict, told = record["verdict"]["sentences"], resolve(failure, units)
+    parts = [part for section in sections for part in section["parts"] if part["kind"] == "remarks"]
+    remarked = {text for part in parts for text in part["sentences"]}
     words = {
         "verdict": verdict,
         "failure": "" if told in verdict else told,
         "bad": bad,
-        "said": [resolve(note, units) for note in notes],
+        # what a section of the report says is not said twice
+        "said": [said for note in notes if (said := resolve(note, units)) not in remarked],
         "picture": record["picture"] if record["picture"] is not None and kept(record["picture"]) else None,
         "sections": [section for section in sections if section["parts"]],
     }
@@ -138,8 +153,20 @@ def tuned(request: TuneRequest, progress: Progress) -> Shown:
     outcome = perform("tune", request, progress)
     progress.step("pictures")
     files = {what: Path(str(path)) for what, path in outcome.files.items()}
-    # the control alone: all that a job returns is pickled
-    return replace(shown(outcome, ("cascade",)), files=files, result=outcome.result.control)
+    # no more than this: all that a job returns is pickled
+    found = Tuning(outcome.result.control, _worst(outcome.result))
+    return replace(shown(outcome, ("cascade",)), files=files, result=found)
+
+
+def _worst(tuned: Tuned) -> dict[str, Loop]:
+    """Return the loops at the plants with the largest Ms and with the least stiffness; none without a box."""
+    found = {"sensitivity": SENSITIVITY_PEAK, "stiffness": STIFFNESS_LEAST}
+    spreads = {name: None if tuned.box is None else tuned.box.spread(figure) for name, figure in found.items()}
+    return {
+        name: replace(spread.at, control=tuned.control)
+        for name, spread in spreads.items()
+        if spread is not None and spread.at is not None
+    }
 
 
 def _drawn(charts: Mapping[str, Chart], outcome: Outcome[Any]) -> dict[str, Chart]:
@@ -208,6 +235,28 @@ def program_run(request: RunRequest, progress: Progress) -> Shown:
                 }
             )
     return Shown({**page.words, "worst": worst}, {**page.charts, **_drawn(charts, outcome)})
+
+
+def part_corrected(request: SetpathRequest, progress: Progress) -> Shown:
+    """Correct a part program; return the contour error on the path before and after, and the archive of its files.
+
+    The pictures `before_0` and `after_0` are of the nominal machine, those with 1 of the worst one of the box.
+    """
+    from feeddrive.plot.part_program import corrected_path_chart
+
+    outcome = perform("setpath", request, progress)
+    progress.step("pictures")
+    page, result = shown(outcome), outcome.result
+    assert request.out is not None
+    machines = list(result.errors) if len(result.correction.plan) > 1 else []
+    charts = {
+        f"{'after' if corrected else 'before'}_{place}": corrected_path_chart(result, name, corrected=corrected)
+        for place, name in enumerate(machines)
+        for corrected in (False, True)
+    }
+    archive = packed(request.out).name if result.accepted else ""
+    words = {**page.words, "machines": machines, "archive": archive}
+    return Shown(words, {**page.charts, **_drawn(charts, outcome)})
 
 
 def compared(request: CompareRequest, progress: Progress) -> Shown:

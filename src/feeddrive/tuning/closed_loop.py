@@ -1,5 +1,6 @@
 """Closed-loop responses of a controller at an operating point, with derivatives and measurement variances."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from operator import attrgetter
@@ -103,6 +104,11 @@ class Answer:
         """The logarithmic form of the loop gain."""
         return self._logarithms
 
+    @property
+    def thinned(self) -> bool:
+        """True at a plant of a box, at which hundreds of lines would be near a limit."""
+        return self.point.bounds_only
+
     @cached_property
     def _logarithms(self) -> Logarithms:
         return logarithms(self.point.frequency, self.gain)
@@ -193,7 +199,32 @@ _EDGE = 1.0 - 1e-9  # of |z|: a motion that decays more slowly does not count as
 def unstable(answer: Answer) -> bool:
     """Return True if the closed loop is unstable: by eigenvalues for a model, else by encirclements of -1."""
     axis, samples = answer.point.model, answer.response.samples
-    return encircles(answer) if axis is None or samples is None else grows(axis, samples)
+    return encircles(answer) if axis is None else grows(axis, samples)
+
+
+def unstable_among(answers: Sequence[Answer]) -> bool:
+    """Return True if one of several loops of a control is unstable."""
+    groups: dict[tuple[int, ...], list[StateSpace]] = {}
+    for each in answers:
+        axis, samples = each.point.model, each.response.samples
+        if axis is None or len(samples) > 1:
+            if unstable(each):
+                return True
+        else:
+            groups.setdefault(axis.A.shape, []).append(axis)
+    return any(
+        bool(
+            np.any(
+                growing(
+                    np.array([axis.A for axis in axes]),
+                    np.array([axis.B[:, axis.inputs.index("cut")] for axis in axes]),
+                    np.array([axis.C[[axis.outputs.index(reading) for reading in READINGS]] for axis in axes]),
+                    answers[0].response.samples[0],
+                )
+            )
+        )
+        for axes in groups.values()
+    )
 
 
 def grows(axis: StateSpace, samples: np.ndarray) -> bool:
@@ -229,15 +260,17 @@ def grows(axis: StateSpace, samples: np.ndarray) -> bool:
 def growing(A: np.ndarray, B: np.ndarray, C: np.ndarray, sample: np.ndarray) -> np.ndarray:
     """Return for each of many axes whether it forms an unstable loop with a single-rate controller, as `grows` does.
 
-    A, B, C  of the axes from force to both readings, of shapes (axes, m, m), (axes, m) and (2, m)
+    A, B, C  of the axes from force to both readings, of shapes (axes, m, m), (axes, m) and (axes, 2, m); a C of shape
+             (2, m) is that of all axes
     sample   [A B; c d] of the controller
     """
     sample = with_effect(sample[None])[0]
     n, many = sample.shape[0] - 1, A.shape[1]
     moved = np.zeros((len(A), many + n, many + n))
-    force = np.concatenate([sample[n, n:] @ C, sample[n, :n]])
+    force = sample[n, n:] @ C
     moved[:, many:, :many], moved[:, many:, many:] = sample[:n, n:] @ C, sample[:n, :n]
-    moved[:, :many] = B[:, :, None] * force
+    moved[:, :many, :many] = B[:, :, None] * force[..., None, :]
+    moved[:, :many, many:] = B[:, :, None] * sample[n, :n]
     moved[:, :many, :many] += A
     finite = np.all(np.isfinite(moved), axis=(1, 2))
     largest = np.max(np.abs(np.linalg.eigvals(np.where(finite[:, None, None], moved, 0.0))), axis=1)
@@ -273,7 +306,7 @@ def encircles(answer: Answer) -> bool:
     integrators: 1 + L is multiplied by (z - p)/(z - 1), which replaces each of its poles p by 1.
     """
     f, values = answer.point.frequency, 1.0 + answer.gain
-    slow = answer.response.slow
+    slow = answer.response.swings
     if slow.size:
         z = np.exp(2j * np.pi * f * answer.point.sample_time)[:, None]
         near = slow[np.abs(np.log(slow)) < 2.0 * np.pi * _SLOW * f[0] * answer.point.sample_time]
@@ -290,7 +323,7 @@ def encircles(answer: Answer) -> bool:
     apart = x - np.mean(x)
     n = -float(apart @ level / (apart @ apart))
     # slower unstable poles are already in the slope n
-    fast = int(np.sum(answer.response.unstable > 2.0 * np.pi * f[0]))
+    fast = int(np.sum(answer.response.growth(answer.point.sample_time) > 2.0 * np.pi * f[0]))
     return not abs(np.degrees(np.mean(phase)) + 90.0 * n + 180.0 * fast) < 90.0
 
 

@@ -176,6 +176,9 @@ _NEAR = 3  # images on either side of a line that are used where the nearest one
 Axis = Callable[[np.ndarray], np.ndarray]  # frequency in Hz -> responses from command to motor and load readings, m/N
 
 
+_ON_CIRCLE = 1e-7  # of |z|: a pole this near to the unit circle counts as one on it
+
+
 class Response(NamedTuple):
     """The frequency response of a controller from the two readings to the force, N/m, with its derivatives.
 
@@ -185,11 +188,31 @@ class Response(NamedTuple):
 
     value: np.ndarray
     slope: np.ndarray
-    unstable: np.ndarray  # |ln z|/T in rad/s of each pole of the control itself outside the unit circle
+    samples: np.ndarray  # [A B; c d] of each sample of a period
     rest: np.ndarray | None = None  # det(1 + L) of the images of each line, of a multirate control
     period: int = 1  # period of the control in samples
-    samples: np.ndarray | None = None  # [A B; c d] of each sample of a period
-    slow: np.ndarray = np.zeros(0)  # decaying oscillatory poles of the control itself, if it is single-rate
+    poles: np.ndarray = np.zeros(0)  # of a multirate control itself, over a period
+
+    def growth(self, T: float) -> np.ndarray:
+        """Return |ln z|/T in rad/s of each pole of the control itself outside the unit circle; T is a sample."""
+        poles = self._own
+        # rounding puts the pole of an integrator on either side of 1
+        outside = poles[(np.abs(poles) > 1.0 + _ON_CIRCLE) & np.isfinite(poles)].astype(complex)
+        return np.abs(np.log(outside)) / (self.period * T)
+
+    @property
+    def swings(self) -> np.ndarray:
+        """The decaying oscillatory poles of the control itself; none of a multirate control."""
+        poles = self._own if self.period == 1 else np.zeros(0)
+        return poles[(np.abs(poles) < 1.0 + _ON_CIRCLE) & (np.imag(poles) != 0.0)]
+
+    @property
+    def _own(self) -> np.ndarray:
+        # computed where they are asked for: the loop of a model is judged by its own poles
+        if self.period > 1:
+            return self.poles
+        n = self.samples.shape[1] - 1
+        return np.linalg.eigvals(self.samples[0, :n, :n]) if n else np.zeros(0)
 
 
 class ControlResponse:
@@ -382,14 +405,14 @@ class ControlResponse:
         """
         if self.period > 1:
             return self._over_a_period(values, frequency, images, near, slopes, alike)
-        return _response(*self.model(values), np.exp(2j * np.pi * frequency * self.T), self.T)
+        return _response(*self.model(values), np.exp(2j * np.pi * frequency * self.T))
 
     def of_model(self, matrix: np.ndarray, frequency: np.ndarray) -> Response:
         """Return the response of a linear model from `models` on lines in Hz, without derivatives.
 
         Raises ParameterError like `at`.
         """
-        return _response(matrix, np.zeros((*matrix.shape, 0)), np.exp(2j * np.pi * frequency * self.T), self.T)
+        return _response(matrix, np.zeros((*matrix.shape, 0)), np.exp(2j * np.pi * frequency * self.T))
 
     def _over_a_period(
         self,
@@ -414,9 +437,7 @@ class ControlResponse:
             whole = whole._replace(value=value, slope=slope)
         else:
             whole = periodic_response(samples, slopes, frequency * self.T, closed, axis)
-        # rounding puts the pole of an integrator on either side of 1
-        unstable = np.abs(np.log(whole.poles[np.abs(whole.poles) > 1.0 + 1e-7])) / (N * self.T)
-        return Response(whole.value, whole.slope, unstable, whole.rest, N, samples)
+        return Response(whole.value, whole.slope, samples, whole.rest, N, whole.poles)
 
     def of_a_period(self, values: Sequence[float] | np.ndarray) -> np.ndarray:
         """Return [A B; c d] of each sample of a period, shape (N, n + 1, n + 2)."""
@@ -436,7 +457,7 @@ def _as_one(samples: np.ndarray) -> np.ndarray:
     return np.concatenate([samples[:, :, :n], samples[:, :, n:].sum(axis=2, keepdims=True)], axis=2)
 
 
-def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -> Response:
+def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray) -> Response:
     """Return the response of a linear controller model [A B; c d] at points z of the unit circle, with derivatives."""
     if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(slopes))):
         raise ParameterError("the linear model of the control holds numbers that are not finite")
@@ -457,7 +478,4 @@ def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray, T: float) -
         pairs = (before[rows, None] * after[columns]).reshape(rows.size, 2 * count)
         moved = (slopes[rows, columns].T @ pairs.view(float)).view(complex)
         slope = moved.reshape(tunables, 2, count).transpose(1, 2, 0)
-    poles = np.linalg.eigvals(A) if n else np.zeros(0)
-    outside = poles[(np.abs(poles) > 1.0 + 1e-7) & np.isfinite(poles)].astype(complex)
-    swings = poles[(np.abs(poles) < 1.0 + 1e-7) & (poles.imag != 0.0)]
-    return Response(value, slope, np.abs(np.log(outside)) / T, samples=matrix[None], slow=swings)
+    return Response(value, slope, matrix[None])

@@ -12,12 +12,12 @@ import numpy as np
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.figures.catalogue import limitable
 from feeddrive.figures.figure import Figure, Limit
-from feeddrive.figures.slopes import JudgedLoop, Place, Slope, SlopedLoop, rope_snap_slope
+from feeddrive.figures.slopes import JudgedLoop, Slope, SlopedLoop, rope_snap_slope
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError, nearest
 from feeddrive.language.quantity import Quantity, number, span
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.control import Control
-from feeddrive.tuning.closed_loop import Answer, Below, answer, grows, unstable
+from feeddrive.tuning.closed_loop import Answer, Below, answer, encircles, grows, unstable, unstable_among
 from feeddrive.tuning.control_response import ControlResponse, Response
 from feeddrive.tuning.operating_point import OperatingPoint, one_encoder
 
@@ -155,7 +155,6 @@ def judged(limits: Limits, loop: JudgedLoop, room: float) -> tuple[Judged, ...]:
     )
 
 
-_THINNED = 4  # of the lines near a limit at a plant of a box, one of so many is kept
 NOTCH = "notch"  # the bound that prevents a notch from amplifying
 
 
@@ -181,36 +180,20 @@ class Bound(NamedTuple):
         return NOTCH if self.figure is None else self.figure.title
 
 
-def bounds_of(i: int, loop: SlopedLoop, limits: Limits, *, critical: bool = False) -> list[Bound]:
+def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
     """Return the bounds of point `i` that are violated or close to violation.
 
     For a loop without derivatives, a limit that applies to every line yields only its most critical line.
-
-    critical  True for the lines beside a minimum of the slack alone, and every fourth line between
     """
     bounds: list[tuple[tuple[int, int], Bound]] = []
     for figure, bound in ((limit.figure, limit.bound) for limit in limits.limits):
         assert figure.limit is not None
-        places = list(figure.limit.places(loop, bound, limits.reading_noise))
-        for place in _critical(places) if critical else places:
+        for place in figure.limit.places(loop, bound, limits.reading_noise):
             frequency, slack, slope, deviation, line = place
             key = (figure.key, i, line)
             order = (figure.limit.order, line)
             bounds.append((order, Bound(figure, i, frequency, slack, slope, deviation, key)))
     return [bound for _, bound in sorted(bounds, key=lambda pair: pair[0])]
-
-
-def _critical(places: Sequence[Place]) -> list[Place]:
-    """Return the places beside a local minimum of the slack, and every fourth one of the others."""
-    slack = np.array([place.slack for place in places])
-    if slack.size < 3 * _THINNED:
-        return list(places)
-    low = np.flatnonzero((slack[1:-1] <= slack[:-2]) & (slack[1:-1] <= slack[2:])) + 1
-    kept = np.zeros(slack.size, bool)
-    kept[::_THINNED] = True
-    for beside in (-1, 0, 1):
-        kept[low + beside] = True
-    return [place for place, keep in zip(places, kept, strict=True) if keep]
 
 
 def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:
@@ -376,7 +359,11 @@ class Criteria:
         ]
 
     def looked(
-        self, x: np.ndarray, promising: Callable[[int, Evaluation], bool] = lambda _place, _evaluation: True
+        self,
+        x: np.ndarray,
+        promising: Callable[[int, Evaluation], bool] = lambda _place, _evaluation: True,
+        *,
+        goal_first: bool = False,
     ) -> Iterator[Evaluation | None]:
         """Evaluate many sets of tunables without derivatives; yield None for a set whose evaluation fails.
 
@@ -384,6 +371,7 @@ class Criteria:
         promising  is asked with the number of a set and what was evaluated of it so far: goal and limits at the points
                    with a goal, then the limits at one plant of a box after the other.  Where it returns False the rest
                    is left out.
+        goal_first  True to ask it before the limits at the points with a goal, too
 
         The models of a single-rate controller are computed for all sets at once, so that a set costs a fraction of a
         search step. A multirate controller is evaluated set by set, on a part of the lines and with the nearest images
@@ -392,7 +380,7 @@ class Criteria:
         models = self.control.models(np.exp(x)) if self.control.period == 1 else [None] * len(x)
         for i, (place, matrix) in enumerate(zip(x, models, strict=True)):
             try:
-                yield self._look(place, matrix, lambda evaluation, i=i: promising(i, evaluation))
+                yield self._look(place, matrix, lambda evaluation, i=i: promising(i, evaluation), goal_first)
             except (FeeddriveError, ArithmeticError, np.linalg.LinAlgError):
                 # a scattered point may overflow or leave the bounds of a block: it only drops out of the population
                 yield None
@@ -412,27 +400,29 @@ class Criteria:
         )
 
     def _look(
-        self, x: np.ndarray, matrix: np.ndarray | None, promising: Callable[[Evaluation], bool]
+        self, x: np.ndarray, matrix: np.ndarray | None, promising: Callable[[Evaluation], bool], goal_first: bool
     ) -> Evaluation | None:
         """Evaluate one set of tunables; None if its loop is unstable at a point."""
-        if matrix is None:
-            samples = self.control.of_a_period(np.exp(x))
-            axes = (point.model for point in self.points if point.model is not None)
-            # poles first: they cost a fraction of the lines
-            if any(grows(axis, samples) for axis in axes):
-                return None
+        parts = self._parts[:1] if self.screened else self._parts
+        samples = self.control.of_a_period(np.exp(x)) if matrix is None else matrix[None]
+        # poles first: they cost a fraction of the lines, and many sets are unstable
+        points = self.points if matrix is None else parts[0].points
+        if any(grows(point.model, samples) for point in points if point.model is not None):
+            return None
         found: Evaluation | None = None
-        for part in self._parts[:1] if self.screened else self._parts:
+        for part in parts:
             answers = (
                 part._of_two_rates(np.exp(x), look=True)
                 if matrix is None
                 else part._answers(self.control.of_model(matrix, part._lines), np.zeros(0))
             )
             if found is None:
-                # many sets are unstable: their goals and bounds are not needed
-                if any(unstable(loop) for loop in answers):
+                if any(encircles(loop) for loop in answers if loop.point.model is None):
                     return None
-                found = part._of_stable(x, answers)
+                found = part._goals(answers)
+                if goal_first and not promising(found):
+                    return found
+                found = part._with_bounds(found, x, answers)
                 continue
             for loop in answers:
                 if not promising(found):
@@ -465,24 +455,28 @@ class Criteria:
 
     def judged(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
         """Evaluate goal and bounds for the given closed loops."""
-        evaluation = self._of_stable(x, answers)
-        return replace(evaluation, stable=False) if any(unstable(loop) for loop in answers) else evaluation
+        evaluation = self._with_bounds(self._goals(answers), x, answers)
+        return replace(evaluation, stable=False) if unstable_among(answers) else evaluation
 
-    def _of_stable(self, x: np.ndarray, answers: list[Answer]) -> Evaluation:
-        """Evaluate goal and bounds for closed loops that are known to be stable."""
+    def _goals(self, answers: list[Answer]) -> Evaluation:
+        """Evaluate the goal alone for closed loops that are known to be stable."""
         goals = [self._goal(loop) for loop in answers if not loop.point.bounds_only]
-        bounds: list[Bound] = []
-        for i, loop in enumerate(answers):
-            bounds += bounds_of(i, loop, self.limits, critical=loop.point.bounds_only)
-        bounds += notches_stay_notches(self.control.control, self.control.tunables, x)
         worst = int(np.argmax([value for value, _, _ in goals]))
         return Evaluation(
             True,
             np.array([value for value, _, _ in goals]),
             np.array([slope for _, slope, _ in goals]),
             goals[worst][2],
-            tuple(bounds),
+            (),
         )
+
+    def _with_bounds(self, evaluation: Evaluation, x: np.ndarray, answers: list[Answer]) -> Evaluation:
+        """Return an evaluation of the goal with the bounds of the closed loops."""
+        bounds: list[Bound] = []
+        for i, loop in enumerate(answers):
+            bounds += bounds_of(i, loop, self.limits)
+        bounds += notches_stay_notches(self.control.control, self.control.tunables, x)
+        return replace(evaluation, bounds=tuple(bounds))
 
     def _goal(self, loop: Answer) -> Slope:
         """Return the logarithm of the quantity to minimize, its derivatives, and the Gauss-Newton part of its Hessian.

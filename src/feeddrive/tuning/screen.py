@@ -6,7 +6,8 @@ find those that are then examined one by one.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from copy import copy
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -70,6 +71,13 @@ class Screen:
         self.sampled, self.T = sampled, sampled.T
         nyquist = 0.5 / self.T
         self.shared = np.geomspace(_LOWEST * nyquist, nyquist * (1.0 - 1e-6), _LINES)
+        self.beside_modes = _BESIDE
+
+    def sparse(self) -> Self:
+        """Return the screen with half of the lines, for looks: what they find is searched on all lines of a point."""
+        other = copy(self)
+        other.shared, other.beside_modes = self.shared[1::2], self.beside_modes[::2]
+        return other
 
     def plants(self, corners: Sequence[Corner]) -> Plants:
         """Return plants on lines that are dense at the resonances of each."""
@@ -79,7 +87,7 @@ class Screen:
         # of each pair of poles one; sorted, so that the modes of all plants have their columns
         pairs = poles.shape[1] // 2
         poles = np.take_along_axis(poles, np.argsort(-poles.imag, axis=1)[:, :pairs], axis=1)
-        near = np.abs(poles.imag)[..., None] + np.abs(poles.real)[..., None] * _BESIDE
+        near = np.abs(poles.imag)[..., None] + np.abs(poles.real)[..., None] * self.beside_modes
         own = np.clip(near.reshape(len(corners), -1) / (2.0 * np.pi), self.shared[0], self.shared[-1])
         lines = np.concatenate([np.tile(self.shared, (len(corners), 1)), own], axis=1)
         order = np.argsort(lines, axis=1)
@@ -185,7 +193,8 @@ class ScreenedPlants:
     """Some plants of a box for the looks of a search."""
 
     def __init__(self, screen: Screen, corners: Sequence[Corner]) -> None:
-        self._screen, self._plants = screen, screen.plants(corners)
+        self._screen = screen.sparse()
+        self._plants = self._screen.plants(corners)
 
     def bounds(self, control: ControlResponse, matrix: np.ndarray, limits: Limits) -> list[Bound]:
         """Return for each limit the bound of the plant that uses it most; `matrix`: [A B; c d] of the control."""

@@ -104,8 +104,9 @@ class Search:
     def look(self, points: np.ndarray, better_than: np.ndarray | None = None) -> np.ndarray:
         """Return the merit at many points (points, tunables), clipped to the search range.
 
-        better_than  a merit for each point: where a part of the points of the criteria shows that it is not reached,
-                     the merit of this part is returned, which is no better
+        better_than  a merit for each point: where the goal alone or a part of the points of the criteria shows that it
+                     is not reached, the merit of this part is returned, which is no better; -inf: that of the points
+                     with a goal
 
         The merit is infinite where the loop is unstable or the evaluation fails.
         """
@@ -114,9 +115,10 @@ class Search:
         def promising(i: int, evaluation: Evaluation) -> bool:
             return better_than is None or self.merit(evaluation) < better_than[i]
 
+        goal_first = better_than is not None and bool(np.all(better_than > -np.inf))
         fine = (
             evaluation if evaluation is not None and evaluation.stable and np.isfinite(evaluation.goal).all() else None
-            for evaluation in self.criteria.looked(inside, promising)
+            for evaluation in self.criteria.looked(inside, promising, goal_first=goal_first)
         )
         return np.array([self.merit(evaluation) for evaluation in fine])
 
@@ -177,23 +179,23 @@ class Search:
             return np.inf
         return float(np.max(evaluation.goal)) + self.penalty * max(self.broken(evaluation), 0.0)
 
-    def descend(self, x: np.ndarray, size: float = _FIRST) -> End:
+    def descend(self, x: np.ndarray, size: float = _FIRST, *, steps: int = _STEPS) -> End:
         """Minimize from a stable point; if bounds remain violated, increase the penalty and continue."""
-        end = self._descend(x, size)
+        end = self._descend(x, size, steps)
         while end.broken > _ROOM and self.penalty < _DEAREST:
             # if the goal falls faster than the penalty rises, the search would leave the limits
             self.penalty *= _DEARER
-            end = self._descend(end.x, _FIRST)
+            end = self._descend(end.x, _FIRST, steps)
         return end
 
-    def _descend(self, x: np.ndarray, size: float) -> End:
+    def _descend(self, x: np.ndarray, size: float, steps: int) -> End:
         x = np.clip(x, self.low, self.high)
         here = self.judge(x)
         assert here is not None
         idle, fresh = 0, True
         curvature = _definite(here.curvature)
         force: dict[tuple[str, int, int], float] = {}
-        for _ in range(_STEPS):
+        for _ in range(steps):
             step = self._step(x, here, curvature, size)
             if step is None:
                 size *= 0.3

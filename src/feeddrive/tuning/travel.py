@@ -1,21 +1,22 @@
-"""Tuning over the travel: the gains of every place, and what the schedule made of them does between the places."""
+"""Tuning over travel and payload: gains of every place, and what the schedule made of them does between the places."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import pairwise
+from functools import cached_property, partial
+from itertools import pairwise, product
 from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.controller.gain_schedule import GainSchedule
+from feeddrive.blocks.controller.schedule_load import ScheduleLoad
 from feeddrive.blocks.controller.schedule_place import SchedulePlace
 from feeddrive.blocks.families import Law
 from feeddrive.figures.catalogue import goals
 from feeddrive.figures.figure import Figure, Limit
 from feeddrive.figures.of_loops import SENSITIVITY_PEAK
-from feeddrive.identification.travel import FEWEST, TravelFit, fit_over_travel
+from feeddrive.identification.travel import FEWEST, TravelFit, fit_over_travel, require_pairs
 from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, ParameterError, StructureError
 from feeddrive.language.progress import Progress
@@ -32,79 +33,131 @@ from feeddrive.tuning.operating_point import modelled_point
 from feeddrive.tuning.tune import Tuned, tune_control
 
 _ROOM = 2e-3  # of a limit: tolerance at a position, as in the proof of a tuning
-_ROUNDS = 4  # in which places give way to the positions between them
+_ROUNDS = 12  # in which places give way to the positions between them
+
+
+class Pair(NamedTuple):
+    """A position of an axis (m) and its payload, the mass on the table (kg); None where the payload never changes."""
+
+    position: float
+    payload: float | None = None
+
+    @property
+    def text(self) -> Text:
+        """The pair in words, as `0.4 m with 150 kg`."""
+        with_ = "" if self.payload is None else f" with {Quantity(self.payload, 'kg'):6 SI}"
+        return Text(f"{Quantity(self.position, 'm'):6 SI}{with_}")
+
+
+Measured = Mapping[float, Loop] | Mapping[tuple[float, float], Loop] | Mapping[Pair, Loop]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Travel(Result):
-    """One axis at several positions, and its numbers between them.
+    """One axis at several positions, and its numbers between them; with payloads, at several of both.
 
-    loop   the axis at the first position, with its control
-    fits   each number of the axis that changes along the travel, by path, over the position
+    loop      the axis at the first position with the least payload, with its control
+    fits      each number of the axis that changes along the travel, by path, over the position and the payload
+    payloads  kg, ascending; None for an axis whose payload never changes
+    payload   kg, of an axis that was measured with several and that carries this one (`with_payload`)
     """
 
     loop: Loop
     positions: np.ndarray
     fits: Mapping[str, TravelFit]
+    payloads: np.ndarray | None = None
+    payload: float | None = None
 
     @classmethod
-    def of(cls, loops: Mapping[float, Loop], errors: Mapping[float, Mapping[str, float]] | None = None) -> Self:
+    def of(cls, loops: Measured, errors: Mapping[Any, Mapping[str, float]] | None = None) -> Self:
         """Return the travel of an axis from its loops at three to ten positions in m, such as machine files.
 
-        errors   standard errors of the numbers by position and path, as `identify` and `fit_two_mass` give them
+        loops    by position, or by pairs of position (m) and payload (kg): three to ten of each, among them the first
+                 and the last position with the least and the largest payload
+        errors   standard errors of the numbers by position (or pair) and path, as `identify` and `fit_two_mass` give
+                 them
 
         Stiffnesses are fitted by their inverse; see `fit_over_travel`. The control is that of the first position.
         Raises StructureError if the axes differ in more than numbers, and the errors of `fit_over_travel`.
         """
-        places = np.array(sorted(loops), float)
-        if places.size < FEWEST:
+        by_pair: dict[Pair, Any] = {Pair(*key) if isinstance(key, tuple) else Pair(key): key for key in loops}
+        pairs = sorted(by_pair, key=lambda pair: (pair.position, pair.payload or 0.0))
+        places = np.array([pair.position for pair in pairs], float)
+        loads = np.array([pair.payload for pair in pairs if pair.payload is not None], float)
+        if loads.size not in (0, places.size):
+            raise ParameterError(
+                "some positions have a payload and others have none: give the payload of each, or none"
+            )
+        if loads.size:
+            require_pairs("the axis", places, loads)
+        elif places.size < FEWEST:
             raise ParameterError(
                 f"the travel is known at {places.size} positions, and {FEWEST} are needed at least: with fewer nothing "
                 f"would show that the axis is not what is assumed between them; measure at more positions"
             )
-        first = loops[min(loops)]
-        for place in places[1:]:
-            differs = tree.difference(first.axis, loops[float(place)].axis, "axis")
+        every: dict[Pair, Loop] = {pair: cast(Any, loops)[by_pair[pair]] for pair in pairs}
+        first = every[pairs[0]]
+        for pair in pairs[1:]:
+            differs = tree.difference(first.axis, every[pair].axis, "axis")
             if differs is not None:
-                raise StructureError(
-                    f"at {Quantity(float(place), 'm'):6 SI} {differs}: along the travel only numbers may differ"
-                )
-            if loops[float(place)].sample_time != first.sample_time:
+                raise StructureError(f"at {pair.text} {differs}: along the travel only numbers may differ")
+            if every[pair].sample_time != first.sample_time:
                 raise ParameterError(
-                    f"at {Quantity(float(place), 'm'):6 SI} the sample time is "
-                    f"{Quantity(float(loops[float(place)].sample_time), 's'):6 SI}, not "
+                    f"at {pair.text} the sample time is {Quantity(float(every[pair].sample_time), 's'):6 SI}, not "
                     f"{Quantity(float(first.sample_time), 's'):6 SI}: one control has one sample time"
                 )
         fits: dict[str, TravelFit] = {}
-        rows = {float(place): tree.parameters(loops[float(place)]) for place in places}
-        for path in rows[float(places[0])]:
-            values = [float(rows[float(place)][path]) for place in places] if ".control." not in path else []
+        rows = [tree.parameters(every[pair]) for pair in pairs]
+        for path in rows[0]:
+            values = [float(row[path]) for row in rows] if ".control." not in path else []
             if len(set(values)) > 1:
-                sigma = None if errors is None else [errors[float(place)][path] for place in places]
+                sigma = None if errors is None else [errors[by_pair[pair]][path] for pair in pairs]
                 unit = tree.declaration(first, path).unit
-                fits[path] = fit_over_travel(places, values, sigma, name=path, unit=unit)
-        return cls(first, places, fits)
+                fits[path] = fit_over_travel(
+                    places, values, sigma, name=path, unit=unit, payloads=loads if loads.size else None
+                )
+        return cls(first, np.unique(places), fits, np.unique(loads) if loads.size else None)
 
-    def at(self, position: float) -> Loop:
-        """Return the loop at a position (m), which must lie between the first and the last one that were measured."""
-        if not self.positions[0] <= position <= self.positions[-1]:
+    def at(self, position: float, payload: float | None = None) -> Loop:
+        """Return the loop at a position (m) with a payload (kg), which must lie between those that were measured."""
+        if (payload is None) != (self.payloads is None):
             raise ParameterError(
-                f"the axis at {Quantity(position, 'm'):6 SI}: it is known from "
-                f"{Quantity(float(self.positions[0]), 'm'):6 SI} to {Quantity(float(self.positions[-1]), 'm'):6 SI}, "
-                f"and nothing is extrapolated; measure there, too"
+                "the axis was measured "
+                + ("for one payload: leave out the payload" if self.payloads is None else "with payloads: name one")
             )
-        return tree.vary(self.loop, {path: fit.at(position)[0] for path, fit in self.fits.items()})
+        for value, row, unit in ((position, self.positions, "m"), (payload, self.payloads, "kg")):
+            if row is not None and value is not None and not row[0] <= value <= row[-1]:
+                raise ParameterError(
+                    f"the axis at {Quantity(value, unit):6 SI}: it is known from {Quantity(float(row[0]), unit):6 SI} "
+                    f"to {Quantity(float(row[-1]), unit):6 SI}, and nothing is extrapolated; measure there, too"
+                )
+        return tree.vary(self.loop, {path: fit.at(position, payload)[0] for path, fit in self.fits.items()})
+
+    def with_payload(self, payload: float) -> Self:
+        """Return the travel of the axis with one payload (kg), which must lie between those that were measured."""
+        loop = self.at(float(self.positions[0]), payload)
+        fits = {path: fit.with_payload(payload) for path, fit in self.fits.items()}
+        return replace(self, loop=loop, fits=fits, payloads=None, payload=payload)
 
     def table(self) -> Table:
-        """Return the numbers that change along the travel, at the positions that were measured."""
+        """Return the numbers that change along the travel, at the places that were measured."""
+        loads = self.payloads is not None
         rows = [
-            [path, float(place), float(value), float(error), fit.unit]
+            [
+                path,
+                float(place),
+                *([float(fit.payloads[i])] if fit.payloads is not None else []),
+                value,
+                error,
+                fit.unit,
+            ]
             for path, fit in self.fits.items()
-            for place, value, error in zip(fit.places, *fit.fitted, strict=True)
+            for i, (place, value, error) in enumerate(zip(fit.places, *map(np.ndarray.tolist, fit.fitted), strict=True))
         ]
         columns = [
             "parameter",
             Column("position", "m", "5 mm"),
+            *([Column("payload", "kg", "5 SI")] if loads else []),
             Column("value", ""),
             Column("standard error", ""),
             "unit",
@@ -112,13 +165,17 @@ class Travel(Result):
         return Table("the axis along its travel", columns, rows)
 
 
-def frozen(control: Control, position: float) -> Control:
+def frozen(control: Control, position: float, payload: float | None = None) -> Control:
     """Return a control whose law has the parameters of a position (m): that of a schedule for an axis that stays there.
+
+    payload  kg, for a schedule over the payload; default: its own.  One over the position alone does not know it.
 
     A control without a schedule is returned unchanged.
     """
     law = control.law
-    return replace(control, law=law.law_at(position)) if isinstance(law, GainSchedule) else control
+    if not isinstance(law, GainSchedule):
+        return control
+    return replace(control, law=(law if payload is None else law.with_payload(payload)).law_at(position))
 
 
 class AtPosition(NamedTuple):
@@ -126,6 +183,7 @@ class AtPosition(NamedTuple):
 
     figures   None if the loop is unstable
     goal      the quantity that is minimized; infinite if the loop is unstable
+    payload   kg; None for an axis whose payload never changes
     """
 
     position: float
@@ -133,6 +191,12 @@ class AtPosition(NamedTuple):
     figures: Figures | None
     goal: float
     exceeded: tuple[Judged, ...] = ()
+    payload: float | None = None
+
+    @property
+    def pair(self) -> Pair:
+        """The position and the payload."""
+        return Pair(self.position, self.payload)
 
     @property
     def keeps(self) -> bool:
@@ -151,6 +215,7 @@ def along_travel(
     travel: Travel,
     control: Control,
     positions: Sequence[float] | np.ndarray,
+    payloads: Sequence[float] | np.ndarray | None = None,
     *,
     goal: str = "rope-snap",
     limits: Limits | Sequence[Limit] | None = None,
@@ -160,16 +225,19 @@ def along_travel(
 ) -> tuple[AtPosition, ...]:
     """Judge a control, with or without a schedule, on the axis at each position, which the axis does not leave.
 
+    payloads  kg, each at all positions; for an axis that was measured with payloads
+
     Stability is that of the poles of the whole loop; the figures are those of all frequency lines.
     """
     figure, kept = _goal(goal), limits if isinstance(limits, Limits) else Limits(limits or ())
     rows: list[AtPosition] = []
-    for position in positions:
+    loads: list[float | None] = [None] if payloads is None else [float(load) for load in payloads]
+    for pair in (Pair(float(position), load) for position in positions for load in loads):
         (progress or Progress()).step("positions along the travel")
-        loop = replace(travel.at(float(position)), control=frozen(control, float(position)))
+        loop = replace(travel.at(*pair), control=frozen(control, *pair))
         poles = stability(loop, velocity=velocity)
         if not poles.stable:
-            rows.append(AtPosition(float(position), poles.growth, None, np.inf))
+            rows.append(AtPosition(pair.position, poles.growth, None, np.inf, (), pair.payload))
             continue
         response = ControlResponse(loop.control, float(loop.sample_time), (), velocity)
         criteria = Criteria((modelled_point(loop, velocity=velocity),), response, figure, kept, band)
@@ -177,7 +245,7 @@ def along_travel(
         exceeded = tuple(verdict for verdict in judged(kept, here, _ROOM) if not verdict.keeps)
         assert figure.goal is not None
         value = float(figure.goal.of(here, band))
-        rows.append(AtPosition(float(position), poles.growth, here, value, exceeded))
+        rows.append(AtPosition(pair.position, poles.growth, here, value, exceeded, pair.payload))
     return tuple(rows)
 
 
@@ -188,7 +256,7 @@ class TunedTravel(Result):
     travel          the axis along its travel
     control         the control with the schedule
     fixed           the tuning of one set of gains for all places
-    places          the tuning of each place by itself
+    places          the tuning of each place by itself, position by position, at each one payload by payload
     before, after   the fixed gains and the schedule at every position that was judged, the places among them
     """
 
@@ -216,23 +284,32 @@ class TunedTravel(Result):
         broken = next((row for row in self.after if not row.keeps), None)
         if broken is not None:
             return Text(
-                f"at {Quantity(broken.position, 'm'):4 SI} the schedule does not keep its limits ({broken.text}): add "
-                f"a place there"
+                f"at {broken.pair.text} the schedule does not keep its limits ({broken.text}): add a place there"
             )
         worst = max(self.after, key=lambda row: row.goal)
+        places = f"{len(self.after)} {'positions' if worst.payload is None else 'pairs of position and payload'}"
         return Text(
-            f"the schedule keeps all limits at {len(self.after)} positions; at the worst one, "
-            f"{Quantity(worst.position, 'm'):4 SI}, it is better than fixed gains by {Quantity(self.gained, 'share'):3}"
+            f"the schedule keeps all limits at {places}; at the worst one, "
+            f"{worst.pair.text}, it is better than fixed gains by {Quantity(self.gained, 'share'):3}"
         )
 
     def table(self) -> Table:
         """Return goal and Ms of fixed gains and schedule at every position."""
         rows = [
-            [old.position, old.goal, new.goal, old.goal / new.goal - 1.0, _peak(old), _peak(new), new.text or "kept"]
+            [
+                *(x for x in old.pair if x is not None),
+                old.goal,
+                new.goal,
+                old.goal / new.goal - 1.0,
+                _peak(old),
+                _peak(new),
+                new.text or "kept",
+            ]
             for old, new in zip(self.before, self.after, strict=True)
         ]
         columns = [
             Column("position", "m", "5 mm"),
+            *([] if self.travel.payloads is None else [Column("payload", "kg", "5 SI")]),
             Column(f"{self.goal.title}, fixed", self.goal.unit),
             Column("schedule", self.goal.unit),
             Column("better by", "share"),
@@ -267,6 +344,7 @@ def tune_travel(
     seed: int = 0,
     velocity: float = 0.05,
     between: int = 4,
+    robust: bool = False,
     progress: Progress | None = None,
 ) -> TunedTravel:
     """Tune a law over all positions of a travel at once, as a schedule, and compare it with the best fixed gains.
@@ -281,20 +359,28 @@ def tune_travel(
     control    the control from which to begin, default: that of the travel; of one with a schedule the positions of the
                places are kept, else they are those at which the axis is known
     filters    of the fixed gains, as in `tune_control`: they are then the same at all places
-    between    positions between two places at which the frozen loop is judged: poles, goal and limits
+    between    positions between two places, and payloads between two, at which the frozen loop is judged: poles, goal
+               and limits
+    robust     for an axis with payloads: True for a schedule over the position alone, whose gains at each place keep
+               the limits with all payloads and minimize the goal of the worst; False: over the payload, too
 
     Raises the errors of `tune_control`, and StructureError for a law that cannot be scheduled.
     """
     progress = progress or Progress()
     control = travel.loop.control if control is None else control
     _goal(goal)
-    law, positions = control.law, travel.positions
+    if robust and travel.payloads is None:
+        raise ParameterError("robust = True is about payloads, and the axis was measured with none: leave it out")
+    law, positions, payloads = control.law, travel.positions, travel.payloads
     if isinstance(law, GainSchedule):
         positions = np.array([float(place.position) for place in law.places])
-        law = law.places[0].law
+        if payloads is not None and law.payload is not None:
+            payloads = np.array([float(load.payload) for load in law.places[0].loads])
+        law = law.places[0].laws()[0][1]
+    nodes = _Nodes(positions, payloads, scheduled=payloads is not None and not robust)
     # what cannot be scheduled is refused before the searches
-    _schedule(positions, [law] * positions.size)
-    loops = [travel.at(float(x)) for x in positions]
+    nodes.schedule([law] * len(nodes.groups))
+    groups = [[travel.at(*pair) for pair in group] for group in nodes.groups]
     kept = limits if isinstance(limits, Limits) else Limits(limits or ())
     arguments: dict[str, Any] = {
         "goal": goal,
@@ -305,46 +391,99 @@ def tune_travel(
         "velocity": velocity,
         "progress": progress,
     }
-    fixed = tune_control(replace(control, law=law), loops, limits=kept, filters=filters, **arguments)
-    laws = _laws(fixed.control, tuple(fixed.tunables), loops)
+    every_loop = [loop for group in groups for loop in group]
+    fixed = tune_control(replace(control, law=law), every_loop, limits=kept, filters=filters, **arguments)
+    # of the payloads at one position the law takes its model from the one in the middle of the list
+    models = [group[len(group) // 2] for group in groups]
+    laws = _laws(fixed.control, tuple(fixed.tunables), models)
     places = [
-        tune_control(replace(fixed.control, law=law), loop, limits=kept, filters="kept", **arguments)
-        for law, loop in zip(laws, loops, strict=True)
+        tune_control(replace(fixed.control, law=law), group, limits=kept, filters="kept", **arguments)
+        for law, group in zip(laws, groups, strict=True)
     ]
-    every = np.unique(np.concatenate([np.linspace(a, b, between + 2) for a, b in pairwise(positions)]))
-    same: dict[str, Any] = {"goal": goal, "limits": kept, "band": band, "velocity": velocity, "progress": progress}
-    before = along_travel(travel, fixed.control, every, **same)
+    every = [
+        None if row is None else np.unique(np.concatenate([np.linspace(a, b, between + 2) for a, b in pairwise(row)]))
+        for row in (positions, payloads)
+    ]
+    assert every[0] is not None
+    judge = partial(
+        along_travel, travel, positions=every[0], payloads=every[1], goal=goal, limits=kept, band=band,
+        velocity=velocity, progress=progress,
+    )  # fmt: skip
+    before = judge(fixed.control)
     of_place = [kept] * len(places)
-    scheduled = replace(fixed.control, law=_schedule(positions, [tuned.control.law for tuned in places]))
-    after = along_travel(travel, scheduled, every, **same)
+    scheduled = replace(fixed.control, law=nodes.schedule([tuned.control.law for tuned in places]))
+    after = judge(scheduled)
     for _ in range(_ROUNDS):
-        tightened = _tightened(after, positions, of_place)
+        tightened = _tightened(after, nodes, of_place)
         if not tightened:
             break
         for i, narrower in tightened.items():
             of_place[i] = narrower
-            places[i] = tune_control(places[i].control, loops[i], limits=narrower, filters="kept", **arguments)
-        scheduled = replace(fixed.control, law=_schedule(positions, [tuned.control.law for tuned in places]))
-        after = along_travel(travel, scheduled, every, **same)
+            places[i] = tune_control(places[i].control, groups[i], limits=narrower, filters="kept", **arguments)
+        scheduled = replace(fixed.control, law=nodes.schedule([tuned.control.law for tuned in places]))
+        after = judge(scheduled)
     return TunedTravel(travel, scheduled, fixed, tuple(places), before, after, _goal(goal))
 
 
-def _schedule(positions: np.ndarray, laws: Sequence[Law]) -> GainSchedule:
-    pairs = zip(positions, laws, strict=True)
-    return GainSchedule(places=tuple(SchedulePlace(position=float(x), law=law) for x, law in pairs))
+class _Nodes:
+    """The places of a schedule, and for each the pairs at which its law is tuned.
 
-
-def _tightened(rows: Sequence[AtPosition], positions: np.ndarray, limits: Sequence[Limits]) -> dict[int, Limits]:
-    """Return narrower limits for places beside an interval in which the schedule exceeds a limit, by index.
-
-    Of the two places of an interval the one with the better goal gives way, so that the worst place loses nothing.
+    groups  with `scheduled` one pair each, by position and then by payload; else one a position, with all payloads
     """
-    goal = {row.position: row.goal for row in rows}
+
+    def __init__(self, positions: np.ndarray, payloads: np.ndarray | None, *, scheduled: bool) -> None:
+        self.positions: list[float] = positions.tolist()
+        self.payloads: list[float] | None = None if payloads is None else payloads.tolist()
+        self.scheduled = scheduled
+        loads: Sequence[float | None] = self.payloads or [None]
+        rows = [[Pair(x, load) for load in loads] for x in self.positions]
+        self.groups = [[pair] for row in rows for pair in row] if scheduled else rows
+        self._tuned = {pair for row in rows for pair in row}
+
+    def schedule(self, laws: Sequence[Law]) -> GainSchedule:
+        """Return the schedule with a law for each group; its payload is the least."""
+        if not self.scheduled or self.payloads is None:
+            pairs = zip(self.positions, laws, strict=True)
+            return GainSchedule(places=tuple(SchedulePlace(position=x, law=law) for x, law in pairs))
+        loads = [
+            ScheduleLoad(payload=group[0].payload or 0.0, law=law) for group, law in zip(self.groups, laws, strict=True)
+        ]
+        count = len(self.payloads)
+        places = tuple(
+            SchedulePlace(position=x, loads=tuple(loads[i * count : (i + 1) * count]))
+            for i, x in enumerate(self.positions)
+        )
+        return GainSchedule(payload=self.payloads[0], places=places)
+
+    def around(self, pair: Pair) -> list[int]:
+        """Return the groups of the places around a pair, between which the schedule interpolates there; none at one."""
+        if pair in self._tuned:
+            return []
+        sides: list[list[int]] = []
+        for value, row in ((pair.position, self.positions), (pair.payload, self.payloads)):
+            if value is None or row is None or (row is self.payloads and not self.scheduled):
+                sides.append([0])
+            elif value in row:
+                sides.append([row.index(value)])
+            else:
+                right = int(np.searchsorted(row, value))
+                sides.append([right - 1, right])
+        count = len(self.payloads or ()) if self.scheduled else 1
+        return [i * count + j for i, j in product(*sides)]
+
+
+def _tightened(rows: Sequence[AtPosition], nodes: _Nodes, limits: Sequence[Limits]) -> dict[int, Limits]:
+    """Return narrower limits for places around a pair at which the schedule exceeds a limit, by index.
+
+    Of these places the one with the best goal gives way, so that the worst place loses nothing.
+    """
+    goal = {row.pair: row.goal for row in rows}
+    of_group = [max(goal[pair] for pair in group) for group in nodes.groups]
     narrower: dict[int, Limits] = {}
     for row in rows:
-        if row.exceeded and row.position not in positions:
-            right = int(np.searchsorted(positions, row.position))
-            i = min((right - 1, right), key=lambda place: goal[float(positions[place])])
+        around = nodes.around(row.pair)
+        if row.exceeded and around:
+            i = min(around, key=lambda place: of_group[place])
             for verdict in row.exceeded:
                 stated, value = limits[i].limit(verdict.figure), verdict.value
                 if stated is None or value is None:

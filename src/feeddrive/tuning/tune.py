@@ -159,6 +159,7 @@ def scattered(
 _SMALLER = ", or take a smaller box of plants (--box), or the model alone (--box none)"
 _AT_ODDS = 5e-3  # of a limit: a violation at the end of all searches with which they are at odds
 _ROUNDS = 12  # rounds in which plants of a box join
+_HASTY = 2  # steps of a descent after which plants that exceed a limit join: where they are hardly depends on the rest
 _JOIN = 2  # plants that join in a round
 _PLENTY = 0.03  # of a logarithm: plants of a box at which every limit has more slack are left out of a search
 _SPARSER = 3.0  # times fewer lines of a plant of a box than of a point with a goal
@@ -343,11 +344,14 @@ class Tuner:
             self.progress.step("worst plants of the box")
             if search.judge(x) is None:
                 x = self._begin(search, x, speeds(control, names))
-            end = search.descend(x)
+            end = search.descend(x, steps=_HASTY)
             x = end.x
-            # more plants do not help where the limits contradict each other at those that have joined
             if self.joined and search.broken(end.judged) > _AT_ODDS:
-                break
+                end = search.descend(x)
+                x = end.x
+                # more plants do not help where the limits contradict each other at those that have joined
+                if search.broken(end.judged) > _AT_ODDS:
+                    break
             search.penalty = PENALTY
             at = tree.vary(control, dict(zip(names, np.exp(x).tolist(), strict=True)))
             at = replace(at, law=at.law.at_one_rate()) if rough else at
@@ -596,15 +600,16 @@ class Tuner:
         here = search.judge(x)
         if here is not None and search.broken(here) < _NEAR:
             return x
-        rungs = [np.clip(x + step * powers, search.low, search.high) for step in _LADDER]
-        judged = [(search.judge(rung), rung) for rung in rungs]
-        stable = [(evaluation, rung) for evaluation, rung in judged if evaluation is not None]
-        if not stable:
-            raise UnstableError(
-                "no setting was found in which the loop is stable, as it is and with all its gains lower down to a "
-                "2000th: check the sign of the response, its unit (m/N), masses, filters and dead time"
-            )
-        return min(stable, key=lambda pair: (search.merit(pair[0]), abs(float(np.sum(pair[1] - x)))))[1]
+        rungs = np.clip(x + _LADDER[:, None] * powers, search.low, search.high)
+        # compared without derivatives, the best first; the start needs an evaluation
+        order = np.lexsort((np.abs(np.sum(rungs - x, axis=1)), search.look(rungs)))
+        for rung in rungs[order]:
+            if search.judge(rung) is not None:
+                return rung
+        raise UnstableError(
+            "no setting was found in which the loop is stable, as it is and with all its gains lower down to a "
+            "2000th: check the sign of the response, its unit (m/N), masses, filters and dead time"
+        )
 
     def _from_below(self, search: Search, end: End, x: np.ndarray, powers: np.ndarray) -> End:
         """Return `end`, or a better result if `end` violates a bound.
@@ -1285,6 +1290,7 @@ def tune_control(
     today: Control | None = None,
     box: Box | None = None,
     around: Sequence[Loop] | None = None,
+    today_over_box: bool = True,
     progress: Progress | None = None,
 ) -> Tuned:
     """Tune a controller: optimize the goal over its tunables, with all limits satisfied at every point.
@@ -1307,6 +1313,7 @@ def tune_control(
     box         tolerances of the plants of modelled points: the limits hold at every plant of it that is found by its
                 corners and by searches within it (`Tuned.box`); the goal is that of the models themselves
     around      the loops around which the box lies; default: those of the modelled points
+    today_over_box  False to leave out the present controller over the box (`Tuned.box_before`)
     progress    receives the name of each stage, and may cancel the tuning
 
     The response of the controller is computed by linearizing its code (`ControlResponse`), with exact derivatives.
@@ -1334,7 +1341,7 @@ def tune_control(
         best = tuner.with_notches(best, tried)._replace(agreed=best.agreed)
     best, examined = tuner.over_box(best)
     tuner.progress.step("proof")
-    return result(tuner, best, today or control, tuple(tried), box=examined)
+    return result(tuner, best, today or control, tuple(tried), box=examined, today_over_box=today_over_box)
 
 
 def assess(
@@ -1434,7 +1441,14 @@ _MUCH = 0.02  # of the goal: improvement by a tenth of a sample that counts as l
 
 
 def result(
-    tuner: Tuner, best: Best, today: Control, tried: tuple[str, ...], recipe: str = "", box: OverBox | None = None
+    tuner: Tuner,
+    best: Best,
+    today: Control,
+    tried: tuple[str, ...],
+    recipe: str = "",
+    box: OverBox | None = None,
+    *,
+    today_over_box: bool = True,
 ) -> Tuned:
     """Assemble the result of a tuning: figures before and after, active limits, advice, and proof."""
     values = dict(zip(best.names, np.exp(best.end.x).tolist(), strict=True))
@@ -1453,6 +1467,7 @@ def result(
             proof += of_model(point.name, loop, tuner.limits, tuner.velocity)
     if box is not None:
         proof += (Checked(f"limits over the box, {box.examined} plants", box.holds, box.sentence(tuner.limits)),)
+    examined = today_over_box and box is not None and before
     cascades = [cascade_loops(version, tuner.points[0]) if before else None for version in (today, control)]
     whole = tuner.on_all_lines(best.control, best.names)
     return Tuned(
@@ -1480,7 +1495,7 @@ def result(
         recipe=recipe,
         agreed=best.agreed,
         box=box,
-        box_before=over_box(today, tuner.boxes, tuner.limits, inside=False)[0] if box is not None and before else None,
+        box_before=over_box(today, tuner.boxes, tuner.limits, inside=False)[0] if examined else None,
     )
 
 

@@ -6,9 +6,11 @@ The output files are written by `files/part_program.py`.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from time import monotonic
 
@@ -17,14 +19,15 @@ from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile, planned_limits, read_machine
 from feeddrive.files.part_program import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
 from feeddrive.files.toml_file import quoted
-from feeddrive.language.errors import NoSlopeError, ParameterError
+from feeddrive.language.errors import NoSlopeError, ParameterError, shown
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.planned import Planned, Take, planned_of
-from feeddrive.path.program.moves import Move, PathMode
+from feeddrive.path.program.dialects import DialectName
+from feeddrive.path.program.moves import Ignored, Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
 from feeddrive.path.schedule.run import read_steps
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
@@ -52,6 +55,15 @@ class PlanRequest(Request):
     tables_inch: bool = option("tools and offsets are in inches", default=False)
     skip_deleted: bool = option("leave out lines that begin with /", default=False)
     front_end: str = option("reader of the program", default="auto", options=("auto", "own", "rs274"))
+    parameters: str | None = option(
+        "values of named parameters that the program does not set: _hal[plasmac.cut-feed-rate]=40, _depth=3",
+        default=None,
+    )
+    dialect: str = option(
+        "language of the program; marlin is that of 3D printers, whose E is the axis U",
+        default="linuxcnc",
+        options=("linuxcnc", "grbl", "marlin"),
+    )
     tolerance: float | None = option(
         "tolerance of corners where the program states none (G64 without P); it stops there if left out",
         default=None,
@@ -103,10 +115,12 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     override = None if request.override is None else read_steps(request.override)
     names = request.program.name, called(request.machine if machine is None else machine.name)
     # a generator that an error leaves suspended would keep the program file open
-    with contextlib.closing(_moves(request, limits, progress)) as moves:
+    left_out = Counter[str]()
+    with contextlib.closing(_moves(request, limits, progress, left_out)) as moves:
         setpoints = Setpoints(moves, limits, sample_time, override)
         if request.out is None:
-            return _outcome(planned_of(setpoints, *names), None, machine)
+            planned = planned_of(setpoints, *names)
+            return _outcome(planned, None, machine, left_out)
         with new_directory(request.out) as folder:
             with setpoint_files(folder, limits, sample_time, request.program.name) as writer:
                 planned = planned_of(setpoints, *names, _into(writer))
@@ -115,7 +129,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
                 (folder / JOB).write_text(job, encoding="utf-8")
             progress.step("report")
             (folder / "report.html").write_text(html(plan_report(planned)), encoding="utf-8")
-    outcome = _outcome(planned, request.out, machine)
+    outcome = _outcome(planned, request.out, machine, left_out)
     return replace(outcome, then=line("run", request.out / JOB)) if job else outcome
 
 
@@ -125,7 +139,7 @@ JOB = "job.toml"  # the machine along the program that was planned
 def _job(request: PlanRequest, machine: MachineFile | None, planned: Planned) -> str:
     """Return the text of the job that runs the program on the machine; empty if no job can reproduce this plan."""
     # a job has the tolerance, the feed and the sample time of program and machine
-    changed = (request.tolerance, request.override, request.sample_time) != (None, None, None)
+    changed = (request.tolerance, request.override, request.sample_time, request.parameters) != (None,) * 4
     if machine is None or planned.proof.count or changed or request.front_end != "auto":
         return ""
     axis = next((name for name in machine.loops if name.upper() in planned.limits.letters), None)
@@ -143,6 +157,7 @@ def _job(request: PlanRequest, machine: MachineFile | None, planned: Planned) ->
         path: Path | None = getattr(request, name)
         lines += [] if path is None else [f"{name} = {quoted(_found(path))}"]
     lines += [f"{name} = true" for name in ("tables_inch", "skip_deleted") if getattr(request, name)]
+    lines += [] if request.dialect == "linuxcnc" else [f"dialect = {quoted(request.dialect)}"]
     return "\n".join([*lines, ""])
 
 
@@ -171,9 +186,10 @@ def _into(writer: SetpointWriter) -> Take:
     return write
 
 
-def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress) -> Generator[Move]:
-    """Yield the moves of the program, and report the progress of reading."""
+def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress, left_out: Counter[str]) -> Generator[Move]:
+    """Yield the moves of the program, report the progress of reading, and count the codes that are left out."""
     front_end: FrontEnd = request.front_end  # type: ignore[assignment]
+    dialect: DialectName = request.dialect  # type: ignore[assignment]
     moves = read_program(
         request.program,
         axes=limits.travel,
@@ -182,12 +198,16 @@ def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress) -> G
         tables_inch=request.tables_inch,
         skip_deleted=request.skip_deleted,
         front_end=front_end,
+        parameters=None if request.parameters is None else _named_values(request.parameters),
+        dialect=dialect,
     )
     of = _lines_of(request.program)
     stated = moves if request.tolerance is None else _with_tolerance(moves, request.tolerance)
     farthest, shown, watched = 0, monotonic(), monotonic()
     with contextlib.closing(moves):
         for count, move in enumerate(stated):
+            if isinstance(move, Ignored):
+                left_out[move.code] += 1
             yield move
             # a subroutine or a loop goes back in the file; the progress bar must not
             farthest = max(farthest, move.source.number)
@@ -201,6 +221,19 @@ def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress) -> G
             if request.watch and now - watched >= _WATCHED:
                 watched = now
                 progress.remark(f"line {farthest:,} of {of:,}, {count:,} moves")
+
+
+def _named_values(text: str) -> dict[str, float]:
+    """Return the values of `--parameters`, by name; raise ParameterError for an entry that is no name and number."""
+    values: dict[str, float] = {}
+    for entry in text.split(","):
+        name, equals, number = entry.rpartition("=")
+        with contextlib.suppress(ValueError):
+            if name.strip() and equals and isfinite(float(number)):
+                values[name.strip()] = float(number)
+                continue
+        raise ParameterError(f"--parameters: {shown(entry.strip())} is no name with a number: write _depth=3, _feed=40")
+    return values
 
 
 def _with_tolerance(moves: Iterable[Move], tolerance: float) -> Iterator[Move]:
@@ -224,7 +257,9 @@ def _lines_of(program: Path) -> int:
     return 0
 
 
-def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None) -> Outcome[Planned]:
+def _outcome(
+    planned: Planned, out: Path | None, machine: MachineFile | None, left_out: Mapping[str, int]
+) -> Outcome[Planned]:
     remarks = [
         f"{count} x {reason}" for reason, count in sorted(planned.stop_reasons.items(), key=lambda item: -item[1])
     ]
@@ -237,6 +272,9 @@ def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None) ->
     sentences: list[str] = []
     if causes:
         sentences += [f"Stops: {', '.join(remarks) or 'none'}.", Text(f"Most of the time is limited by: {told}.")]
+    if left_out:
+        codes = ", ".join(f"{count} x {code}" for code, count in sorted(left_out.items()))
+        sentences.append(f"Left out, as they move nothing: {codes}.")
     proven = planned.proof.count == 0
     files = {}
     if out is not None:

@@ -25,7 +25,7 @@ import numpy as np
 
 from feeddrive.blocks.families import Reference
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.bus.drive_file import read_drive
+from feeddrive.bus.drive_file import DriveScaling, read_drive
 from feeddrive.export.corrected_part import read_correction, write_correction
 from feeddrive.files.atomic_io import check_directory, new_directory, write_whole
 from feeddrive.files.columns import Column as LogColumn
@@ -176,7 +176,7 @@ def setpath(request: SetpathRequest, progress: Progress) -> Outcome[CorrectedPro
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """The work that is corrected: a job with one of its rows, and the motions of its axes."""
+    """The work that is corrected: a job with one of its rows, the motions of its axes, and drives that get a file."""
 
     job: Job
     law: str
@@ -184,6 +184,7 @@ class Part:
     plan: dict[str, Recorded]
     counted: np.ndarray | None
     line: np.ndarray | None
+    drives: Mapping[str, DriveScaling]
 
     @property
     def planned(self) -> Planned | None:
@@ -212,9 +213,7 @@ def _part(request: SetpathRequest, reserve: Sequence[float]) -> Part:
     laws = list(job.loops)
     law = laws[0] if request.law is None else request.law
     if law not in laws:
-        raise ParameterError(
-            f"--law '{law}' is no row of {job.file.name}{nearest(law, laws)}; it has: {', '.join(laws)}"
-        )
+        raise ParameterError(f"--law '{law}' is no row of {job.file.name}{nearest(law, laws)}")
     if job.reference is None:
         raise ParameterError(
             f"{job.file.name}: replays a log and plans no motion: give a job with [reference] or [program]"
@@ -226,7 +225,9 @@ def _part(request: SetpathRequest, reserve: Sequence[float]) -> Part:
     plan = planned_rows(named, T)
     program = job.program
     counted = None if program is None else program.counted
-    return Part(job, law, machine, plan, counted, None if program is None else program.line)
+    line = None if program is None else program.line
+    # read before the work: a name that is wrong is refused at once
+    return Part(job, law, machine, plan, counted, line, _drives(request, plan))
 
 
 def _by_plan(request: SetpathRequest, part: Part, progress: Progress) -> Outcome[Any]:
@@ -279,7 +280,7 @@ def _by_plan(request: SetpathRequest, part: Part, progress: Progress) -> Outcome
             (folder / "setpath.json").write_text(_json(_record(request, part, result)), encoding="utf-8")
             # a correction that the judge refuses must not reach a machine
             if accepted:
-                write_correction(folder, result.correction, part.line, _drives(request, part))
+                write_correction(folder, result.correction, part.line, part.drives)
         files = {"Report": request.out / "report.html", "Figures": request.out / "setpath.json"}
         if accepted:
             files["Setpoints and force offsets"] = request.out / "setpoints.csv"
@@ -290,7 +291,7 @@ def _by_plan(request: SetpathRequest, part: Part, progress: Progress) -> Outcome
         [result.table()],
         result.remarks if accepted else [],
         verdict=_verdict(result) if accepted else "",
-        notes=result.tried,
+        notes=(*result.tried, *result.left),
         files=files,
         judgment=judgment,
         failure="" if accepted else _verdict(result),
@@ -376,7 +377,7 @@ def corrected_report(result: CorrectedProgram, kind: str = "", known: Mapping[st
     good = result.accepted > 0.0
     # the row of the worst machine
     worst = [plant.name for plant in result.plants].index(result.worst.name)
-    about = [Remarks(result.tried, "What was tried")]
+    about = [Remarks(result.tried, "What was tried"), Remarks(result.left, "What no correction cancels")]
     if good:
         about.append(Remarks(result.remarks, "How to use it"))
     return Report(
@@ -429,6 +430,7 @@ def _record(request: SetpathRequest, part: Part, result: CorrectedProgram) -> di
             for plant in result.plants
         ],
         "tried": [str(text) for text in result.tried],
+        "left": [str(text) for text in result.left],
         **_of_correction(result.correction),
     }
 
@@ -464,20 +466,19 @@ def _peak(rows: np.ndarray | None) -> float:
     return 0.0 if rows is None else float(np.max(np.abs(np.atleast_2d(rows)[0])))
 
 
-def _drives(request: SetpathRequest, part: Part) -> dict[str, Any]:
+def _drives(request: SetpathRequest, plan: Mapping[str, Recorded]) -> dict[str, DriveScaling]:
     """Return the scaling of the drives that were named, by axis."""
-    return {axis: read_drive(path).drive.scaling for axis, path in _by_axis("--drive", request.drive, part).items()}
+    return {axis: read_drive(path).drive.scaling for axis, path in _by_axis("--drive", request.drive, plan).items()}
 
 
-def _by_axis(flag: str, texts: Sequence[str], part: Part) -> dict[str, str]:
+def _by_axis(flag: str, texts: Sequence[str], plan: Mapping[str, Recorded]) -> dict[str, str]:
     """Parse options such as `x=NAME`. Raise ParameterError for an axis that the part does not move, or names twice."""
     values: dict[str, str] = {}
     for text in texts:
         axis, mark, value = text.partition("=")
-        if not mark or not value or axis not in part.plan or axis in values:
+        if not mark or not value or axis not in plan or axis in values:
             raise ParameterError(
-                f"{flag} {text}: give each axis once, as {next(iter(part.plan))}=...; the part moves "
-                f"{', '.join(part.plan)}"
+                f"{flag} {text}: give each axis once, as {next(iter(plan))}=...; the part moves {', '.join(plan)}"
             )
         values[axis] = value
     return values
@@ -521,7 +522,7 @@ def _from_log(request: SetpathRequest, part: Part, progress: Progress) -> Outcom
                 **_of_correction(learned.correction),
             }
             (folder / "setpath.json").write_text(_json(record), encoding="utf-8")
-            write_correction(folder, learned.correction, part.line, _drives(request, part), before=last)
+            write_correction(folder, learned.correction, part.line, part.drives, before=last)
         files = {
             "Report": request.out / "report.html",
             "Figures": request.out / "setpath.json",
@@ -581,8 +582,8 @@ def _read_part(request: SetpathRequest, part: Part) -> PartLog:
     whole = read_log(file, sample_time=float(part.machine.sample_time))
     columns = set(whole.channels)
     chosen = {
-        "setpoint_position": _by_axis("--set-position", request.set_position, part),
-        "position_load": _by_axis("--position", request.position, part),
+        "setpoint_position": _by_axis("--set-position", request.set_position, part.plan),
+        "position_load": _by_axis("--position", request.position, part.plan),
     }
     usual = {"setpoint_position": ("set_position",), "position_load": ("reading_load", "position_load")}
     signals: dict[str, dict[str, np.ndarray]] = {"setpoint_position": {}, "position_load": {}, "force": {}, "trip": {}}

@@ -1,6 +1,7 @@
 """`feeddrive travel`: tune a law over the travel of an axis, as a schedule of its parameters over the position.
 
-With `--certify` the control is proven at every position between the measured ones, and up to a speed.
+With `--payload` the schedule is over the payload, too.  With `--certify` the control is proven at every position
+between the measured ones, and up to a speed.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive import plot
+from feeddrive.blocks.controller.gain_schedule import GainSchedule
 from feeddrive.certificate.travel_proof import OUTSIDE, TravelProof, document, prove_along_travel
 from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.figures.of_loops import SENSITIVITY_PEAK
@@ -31,7 +33,7 @@ from feeddrive.report.page import html
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict
 from feeddrive.tuning.candidates import control_with
 from feeddrive.tuning.criteria import Limits
-from feeddrive.tuning.travel import Travel, TunedTravel, tune_travel
+from feeddrive.tuning.travel import Pair, Travel, TunedTravel, tune_travel
 from feeddrive.workflow.command import Outcome, Request, argument, command, exporting, frequencies, option
 from feeddrive.workflow.tune import limit_options
 from feeddrive.workflow.tune_files import machine_text
@@ -47,12 +49,23 @@ _JUDGMENTS = {
 class TravelRequest(Request, more=limit_options(), after="law"):
     """The machine files of one axis at its positions, the goal of the tuning, and the limits to keep everywhere.
 
-    Positions are in m here, in mm on the command line; limits as for `tune`.
+    Positions are in m here, in mm on the command line; limits as for `tune`.  With payloads there is a file for each
+    pair of position and payload.
     """
 
     machines: tuple[MachineLike, ...] = argument("Machine files of one axis (TOML), one for each position")
     position: tuple[float, ...] = option(
         "position of each machine file, in their order; repeated", unit="m", entered="mm", default=()
+    )
+    payload: tuple[float, ...] = option(
+        "mass on the table of each machine file, in their order; repeated; none if it never changes",
+        unit="kg",
+        default=(),
+        least=0.0,
+    )
+    robust: bool = option(
+        "with --payload: gains by the position alone, that keep the limits with every payload; default: by both",
+        default=False,
     )
     goal: str = option("goal of the tuning", default="rope-snap", options=tuple(goals()))
     law: str | None = option("another law, as pole_placement; default: that of the first file", default=None)
@@ -70,6 +83,9 @@ class TravelRequest(Request, more=limit_options(), after="law"):
     prove_ms: float | None = option(
         "with --certify: the Ms that no position may exceed; default: the limit of Ms and 1 %", above=1.0, default=None
     )
+    prove_payload: float | None = option(
+        "with --certify and --payload: the payload that is proven; one a proof", unit="kg", default=None, least=0.0
+    )
     frozen: bool = option("with --certify: prove the axis that stays where it is, and no speed", default=False)
     report: Path | None = option("page to write (HTML): goal, stiffness and Ms over the position", default=None)
     out: Path | None = option(
@@ -83,17 +99,42 @@ class TravelRequest(Request, more=limit_options(), after="law"):
                 f"--position is given {len(self.position)} times for {len(self.machines)} machine files: give the "
                 f"position of each file, in the order of the files"
             )
-        twice = next((x for i, x in enumerate(self.position) if x in self.position[:i]), None)
+        if len(self.payload) not in (0, len(self.machines)):
+            raise ParameterError(
+                f"--payload is given {len(self.payload)} times for {len(self.machines)} machine files: give the "
+                f"payload of each file, in the order of the files, or none"
+            )
+        pairs = self.pairs()
+        twice = next((pair for i, pair in enumerate(pairs) if pair in pairs[:i]), None)
         if twice is not None:
-            raise ParameterError(f"--position {Quantity(twice, 'm'):6 SI} is given twice: one file for each position")
-        for name in ("kept", "prove_ms", "frozen"):
-            if getattr(self, name) and self.certify is None:
+            with_ = "" if twice.payload is None else f" with --payload {Quantity(twice.payload, 'kg'):6 SI}"
+            raise ParameterError(
+                f"--position {Quantity(twice.position, 'm'):6 SI}{with_} is given twice: one file for each "
+                f"{'position' if twice.payload is None else 'pair'}"
+            )
+        if self.robust and not self.payload:
+            raise ParameterError("--robust is about payloads: give the payload of each machine file by --payload")
+        if self.prove_payload is not None and not self.payload:
+            raise ParameterError(
+                "--prove-payload is about payloads: give the payload of each machine file by --payload"
+            )
+        if self.certify is not None and self.payload and self.prove_payload is None:
+            raise ParameterError("a proof along the travel is that of one payload: name it by --prove-payload")
+        for name in ("kept", "prove_ms", "frozen", "prove_payload"):
+            value = getattr(self, name)
+            if value is not None and value is not False and self.certify is None:
                 raise ParameterError(
                     f"--{name.replace('_', '-')} is about a proof: name its file by --certify proof.json"
                 )
         for name in ("out", "law"):
             if self.kept and getattr(self, name) is not None:
                 raise ParameterError(f"--kept proves the control as it is: leave out --{name}")
+
+    def pairs(self) -> list[Pair]:
+        """Return position and payload of each machine file."""
+        if not self.payload:
+            return [Pair(x) for x in self.position]
+        return [Pair(x, load) for x, load in zip(self.position, self.payload, strict=True)]
 
     def limits(self) -> Limits:
         """Return the limits of the tuned loop."""
@@ -112,7 +153,7 @@ def travel(request: TravelRequest, progress: Progress) -> Outcome[Any]:
     """
     progress.step("reading")
     machines = [read_machine(machine) for machine in request.machines]
-    loops = {x: machine.loop(request.axis) for x, machine in zip(request.position, machines, strict=True)}
+    loops = dict(zip(request.pairs(), [machine.loop(request.axis) for machine in machines], strict=True))
     along = Travel.of(loops)
     base, name = machines[0], machines[0].named(request.axis)
     today = base.loops[name]
@@ -130,12 +171,17 @@ def travel(request: TravelRequest, progress: Progress) -> Outcome[Any]:
         starts=request.starts,
         seed=request.seed,
         between=request.between,
+        robust=request.robust,
         progress=progress,
     )
     outcome = _proven(request, along, found.control, found, progress)
     if request.out is None or outcome.judgment.bad:
         return outcome
-    text = with_origins(machine_text(base, name, found.control), tuple(request.machines))
+    tuned = found.control
+    if request.payload and isinstance(tuned.law, GainSchedule):
+        # the file is the first one: so is its payload
+        tuned = replace(tuned, law=tuned.law.with_payload(request.payload[0]))
+    text = with_origins(machine_text(base, name, tuned), tuple(request.machines))
     write_whole(request.out, text)
     then, notes = exporting(request.out, request.axis, guarded=control.guard is not None)
     return replace(outcome, files={"Machine": request.out, **outcome.files}, then=then, notes=notes)
@@ -150,7 +196,8 @@ def _proven(
     if request.certify is not None and holds:
         limit = request.limits().limit(SENSITIVITY_PEAK)
         bound = request.prove_ms or (None if limit is None else _ROOM * limit.bound)
-        proof = prove_along_travel(along, control, sensitivity_peak=bound, speed=not request.frozen, progress=progress)
+        one = along if request.prove_payload is None else along.with_payload(request.prove_payload)
+        proof = prove_along_travel(one, control, sensitivity_peak=bound, speed=not request.frozen, progress=progress)
     judgment = Judgment.TAKE_SCHEDULE if holds else Judgment.DO_NOT_USE_SCHEDULE
     sentences = [] if found is None else [found.sentence]
     if proof is not None:
@@ -203,7 +250,7 @@ def travel_report(found: TunedTravel | None, proof: TravelProof | None, along: T
         picture = Picture(
             "travel",
             "Along the travel",
-            "Fixed gains and the schedule, each frozen at its position; shaded: proven.",
+            "Fixed gains and the schedule, each frozen at its position, with the worst payload; shaded: proven.",
             "Goal, least stiffness and Ms over the position, of fixed gains and of the schedule.",
             lambda: plot.travel_chart(found, proof),
         )
@@ -225,10 +272,11 @@ def _values(found: TunedTravel) -> Table:
         unit = tree.declaration(found.fixed.control, name).unit
         values = [value, *(tree.get(tuned.control, name) for tuned in found.places)]
         rows.append([name, *(Quantity(float(number), unit, form="5 SI") for number in values), UNIT])
-    places = [row.position for row in found.after if row.position in _positions(found)]
-    heads = [Quantity(position, "m", form="4 SI") for position in places]
-    return Table("the parameters", ["parameter", "fixed", *(f"at {head}" for head in heads), "unit"], rows)
-
-
-def _positions(found: TunedTravel) -> set[float]:
-    return {float(position) for position in found.control.law.scheduled_at()}
+    law = found.control.law
+    assert isinstance(law, GainSchedule)
+    heads = [
+        Pair(float(place.position), float(load.payload) if load is not None else None)
+        for place in law.places
+        for load in place.loads or (None,)
+    ]
+    return Table("the parameters", ["parameter", "fixed", *(f"at {pair.text}" for pair in heads), "unit"], rows)

@@ -17,6 +17,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cached_property, lru_cache
+from itertools import islice
 from pathlib import Path
 from threading import RLock
 from time import thread_time
@@ -34,6 +35,7 @@ from feeddrive.language.kernels.source import (
     INT,
     Cells,
     KernelError,
+    Layout,
     Rows,
     Source,
     Type,
@@ -359,8 +361,9 @@ _CELLS: dict[str, np.dtype[Any]] = {
     "int": np.dtype(np.int64),
     "record": np.dtype(np.float64),
 }
-# NumPy's PyArrayObject stores the address of the first cell after the object header
+# NumPy's PyArrayObject stores the address of the first cell after the object header; read there, as its API is too slow
 _DATA = object.__basicsize__
+_WORD_AT = ctypes.c_size_t.from_address
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -374,8 +377,8 @@ class _Compiled(NamedTuple):
     call: Callable[[Any], int]
     arguments: struct.Struct
     returned: struct.Struct
-    size: int  # memory of both, bytes
-    kinds: tuple[tuple[object, int, int], ...]  # of each passed number and array, see `_kind`
+    memory: Callable[[], Any]  # makes room for both
+    kinds: tuple[tuple[Any, int, int], ...]  # of each passed number and array, see `_kind`
 
 
 class Kernel(Generic[_P, _R]):
@@ -410,8 +413,7 @@ class Kernel(Generic[_P, _R]):
         if len(values) != count:
             raise TypeError(f"{self.__name__}() takes {count} arguments, not {len(values)}")
         if nested:
-            wanted = zip(self.source.signature.names, self.source.signature.parameters, values, strict=True)
-            values = [leaf for parameter in wanted for leaf in self._flat(*parameter)]
+            values = self._flat(values)
         if mode == "interpreted":
             return self._interpret([self._checked(place, value) for place, value in enumerate(values)])
         return self._run(values)
@@ -422,10 +424,11 @@ class Kernel(Generic[_P, _R]):
         # recompiled since the last call: the function has moved
         if compiled is None or compiled.code is not unit.code:
             compiled = self._compiled = self._bound()
-        for place, ((cell, dimensions, width), value) in enumerate(zip(compiled.kinds, values, strict=True)):
+        place = -1
+        for (cell, dimensions, width), value in zip(compiled.kinds, values, strict=True):
+            place += 1
             if not dimensions:
-                plain = cell is float and type(value) is float
-                words.append(value if plain else self._checked(place, value))
+                words.append(value if type(value) is cell else self._checked(place, value))
                 continue
             if not (
                 type(value) is np.ndarray
@@ -435,9 +438,9 @@ class Kernel(Generic[_P, _R]):
                 and (value.ndim == dimensions if not width else value.shape[dimensions:] == (width,))
             ):
                 self._checked(place, value)
-            words.append(_address(value))
+            words.append(_WORD_AT(id(value) + _DATA).value if _READS_THE_OBJECT else value.ctypes.data)
             words += value.shape[:dimensions] if width else value.shape
-        memory = ctypes.create_string_buffer(compiled.size)
+        memory = compiled.memory()
         compiled.arguments.pack_into(memory, 0, *words)
         if unit.quick:
             # CPU time of this thread: neither waiting nor the work of other threads counts
@@ -449,10 +452,12 @@ class Kernel(Generic[_P, _R]):
         if status:
             _throw(unit.failure(status))
         results = compiled.returned.unpack_from(memory)
-        if not self._plain:
-            numbers = iter(results)
-            results = tuple(_made(kind, numbers) for kind in self.source.signature.results)
-        return cast(_R, results[0] if self.source.signature.single else results or None)
+        if self._plain:
+            return cast(_R, results[0] if self.source.signature.single else results or None)
+        numbers = iter(results)
+        if self.source.signature.single:
+            return _made(self.source.signature.results[0], numbers)
+        return cast(_R, tuple(_made(kind, numbers) for kind in self.source.signature.results))
 
     @property
     def unit(self) -> Unit:
@@ -469,8 +474,8 @@ class Kernel(Generic[_P, _R]):
         results = [_FORMATS[kind.element] for result in self.source.signature.results for _, kind in result.leaves("")]
         call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(address)
         arguments, returned = struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}")
-        size = max(arguments.size, returned.size, _WORD)
-        return _Compiled(code, call, arguments, returned, size, tuple(_kind(kind) for _, kind in self._leaves))
+        memory = ctypes.c_char * max(arguments.size, returned.size, _WORD)
+        return _Compiled(code, call, arguments, returned, memory, tuple(_kind(kind) for _, kind in self._leaves))
 
     @cached_property
     def _leaves(self) -> list[tuple[str, Type]]:
@@ -481,6 +486,13 @@ class Kernel(Generic[_P, _R]):
         """The number of parameters, and a flag that is True if any of them is a record."""
         parameters = self.source.signature.parameters
         return len(parameters), any(parameter.layout and not parameter.dimensions for parameter in parameters)
+
+    @cached_property
+    def _records(self) -> tuple[tuple[str, Layout | None], ...]:
+        """The names of the parameters, with the layouts of records."""
+        signature = self.source.signature
+        pairs = zip(signature.names, signature.parameters, strict=True)
+        return tuple((name, None if kind.dimensions else kind.layout) for name, kind in pairs)
 
     @cached_property
     def _plain(self) -> bool:
@@ -498,14 +510,32 @@ class Kernel(Generic[_P, _R]):
             raise TypeError(f"{self.__name__}() takes ({', '.join(names)}), each once")
         return [*args, *[named[name] for name in names[len(args) :]]]
 
-    def _flat(self, name: str, kind: Type, value: Any) -> list[Any]:
-        """Return the numbers and arrays of an argument; records are flattened."""
-        if kind.layout is None or kind.dimensions:
-            return [value]
-        if type(value) is not kind.layout.python:
-            raise TypeError(f"{self.__name__}(): '{name}' is {type(value).__name__}: give {kind}")
-        fields = zip(kind.layout.fields.items(), value, strict=True)
-        return [leaf for (field, inner), part in fields for leaf in self._flat(f"{name}.{field}", inner, part)]
+    def _flat(self, values: Sequence[Any]) -> list[Any]:
+        """Return the numbers and arrays of the arguments; records are flattened."""
+        leaves = list[Any]()
+        for (name, layout), value in zip(self._records, values, strict=True):
+            if layout is None:
+                leaves.append(value)
+            elif layout.flat and type(value) is layout.python:
+                leaves += value
+            else:
+                self._flatten(name, layout, value, leaves)
+        return leaves
+
+    def _flatten(self, name: str, layout: Layout, value: Any, leaves: list[Any]) -> None:
+        """Append the numbers and arrays of a record to `leaves`."""
+        if type(value) is not layout.python:
+            raise TypeError(f"{self.__name__}(): '{name}' is {type(value).__name__}: give {layout.name}")
+        if layout.flat:
+            leaves += value
+            return
+        for (field, inner), part in zip(layout.records, value, strict=True):
+            if inner is None:
+                leaves.append(part)
+            elif inner.flat and type(part) is inner.python:
+                leaves += part
+            else:
+                self._flatten(f"{name}.{field}", inner, part, leaves)
 
     def _checked(self, place: int, value: object) -> Any:
         """Return an argument converted to the type of its parameter; raise an error if it does not match that type."""
@@ -555,7 +585,7 @@ class Kernel(Generic[_P, _R]):
 
 def _kind(kind: Type) -> tuple[object, int, int]:
     """Return the type required of an argument (float or array dtype), its number of indices and number of columns."""
-    cell = _CELLS[kind.element] if kind.dimensions else float if kind == FLOAT else None
+    cell = _CELLS[kind.element] if kind.dimensions else {"float": float, "bool": bool}.get(kind.element)
     return cell, kind.dimensions, kind.width if kind.layout else 0
 
 
@@ -566,19 +596,16 @@ def _made(kind: Type, leaves: Iterator[Any]) -> Any:
         return Cells(value) if kind.dimensions else bool(value) if kind == BOOL else value
     if kind.dimensions:
         return Rows(next(leaves), kind.layout)
+    if kind.layout.floats:
+        return kind.layout.python(*islice(leaves, len(kind.layout.fields)))
     return kind.layout.python(*[_made(field, leaves) for field in kind.layout.fields.values()])
 
 
-def _address(array: np.ndarray) -> int:
-    """Return the address of an array's first cell, read from the array object because NumPy's API is too slow."""
-    return ctypes.c_size_t.from_address(id(array) + _DATA).value if _READS_THE_OBJECT else array.ctypes.data
-
-
 def _reads_the_object() -> bool:
-    """Return True if the array object stores the address where `_address` reads it, as in all NumPy versions so far."""
+    """Return True if array objects have the address of their first cell at `_DATA`, as in all NumPy versions so far."""
     probe = np.zeros(1)
     is_cpython = sys.implementation.name == "cpython"
-    return is_cpython and ctypes.c_size_t.from_address(id(probe) + _DATA).value == probe.ctypes.data
+    return is_cpython and _WORD_AT(id(probe) + _DATA).value == probe.ctypes.data
 
 
 _READS_THE_OBJECT = _reads_the_object()

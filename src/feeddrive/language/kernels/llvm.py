@@ -13,7 +13,18 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple, cast
 
 from feeddrive.language.kernels.elementary import Elementary
-from feeddrive.language.kernels.source import BOOL, FLOAT, INT, Layout, Source, Type, is_record, source_of, zeros
+from feeddrive.language.kernels.source import (
+    BOOL,
+    FLOAT,
+    INT,
+    Layout,
+    Source,
+    Type,
+    is_record,
+    records,
+    source_of,
+    zeros,
+)
 from feeddrive.language.kernels.text import LEAST, REMEDIES, Arithmetic, Function, Value, assembled, shown, struct_type
 from feeddrive.language.machine_code import number
 
@@ -446,8 +457,8 @@ class Expressions(Names):
             return [self.constructed(self.source.layout(function, node), node)]
         if node.keywords:
             self.refuse(node, f"'{shown(node)}' names its arguments", "give them in their order")
-        if function is zeros:
-            remedy = "write  name = zeros(3)  in the kernel's body, outside of loops and branches"
+        if function is zeros or function is records:
+            remedy = f"write  {_LOCAL[function]}  in the kernel's body, outside of loops and branches"
             self.refuse(node, f"'{shown(node)}' makes an array here", remedy)
         called = source_of(function)
         if called is not None:
@@ -590,7 +601,8 @@ _PRINTERS: dict[type[ast.AST], Callable[..., Value]] = {
 }
 
 
-_LARGEST_LOCAL = 256  # largest size of an array of `zeros`, which is on the stack
+_LARGEST_LOCAL = 256  # largest size of an array of `zeros` or `records`, which is on the stack
+_LOCAL: dict[object, str] = {zeros: "name = zeros(3)", records: "name = records(Record, 3)"}
 
 
 class Assignments(Expressions):
@@ -635,7 +647,7 @@ class Assignments(Expressions):
 
     def assign(self, node: ast.Assign) -> None:
         """Emit an assignment: `a = b`, `a = b = c`, `a, b = c, d`, `row = m[k]`, `m[k] = a, b`, `name = zeros(3)`."""
-        if isinstance(node.value, ast.Call) and self.outside(node.value.func) is zeros:
+        if isinstance(node.value, ast.Call) and self.outside(node.value.func) in (zeros, records):
             return self.local_array(node, node.value)
         several = isinstance(node.value, ast.Tuple)
         if not several and not any(isinstance(target, ast.Tuple) for target in node.targets):
@@ -724,25 +736,37 @@ class Assignments(Expressions):
             self.add(f"store {kind.llvm} {value.text}, ptr {address}")
 
     def local_array(self, node: ast.Assign, call: ast.Call) -> None:
-        """Emit `name = zeros(3, 2)`: memory on the stack, cleared at each call."""
-        (target, *more), sizes = node.targets, list[int]()
-        for argument in call.args:
+        """Emit `name = zeros(3, 2)` or `name = records(Ramp, 3)`: memory on the stack, cleared at each call."""
+        (target, *more), sizes, arguments = node.targets, list[int](), call.args
+        kind, most = Type("float"), 3
+        if self.outside(call.func) is records:
+            record = self.outside(arguments[0]) if arguments else None
+            if not is_record(record):
+                self.refuse(node, f"'{shown(call)}'", f"write  {_LOCAL[records]}")
+            kind, most, arguments = Type("record", 0, self.source.layout(record, node)), 2, arguments[1:]
+            if not kind.width:
+                remedy = "keep whole numbers and arrays apart from the fields that a row holds"
+                self.refuse(node, f"'{kind}' has fields that are neither float nor bool, and fits no row", remedy)
+        for argument in arguments:
             length = argument.value if isinstance(argument, ast.Constant) else self.outside(argument)
             if isinstance(length, bool) or not isinstance(length, int) or length < 1:
                 self.refuse(argument, f"'{shown(argument)}' is no fixed size", "write whole numbers, or give the array")
             sizes.append(length)
-        count = 1
+        count = kind.width
         for size in sizes:
             count *= size
-        if call.keywords or not 1 <= len(sizes) <= 3 or count > _LARGEST_LOCAL:
-            self.refuse(node, f"'{shown(call)}'", f"write one to three sizes, {_LARGEST_LOCAL} numbers at most")
+        if call.keywords or not 1 <= len(sizes) <= most or count > _LARGEST_LOCAL:
+            up_to = "one to three sizes" if most == 3 else "one or two sizes"
+            self.refuse(node, f"'{shown(call)}'", f"write {up_to}, {_LARGEST_LOCAL} numbers at most")
         if more or not isinstance(target, ast.Name) or self.depth or target.id in self.variables:
-            remedy = "write  name = zeros(3)  once, in the kernel's body, outside of loops and branches"
+            written = _LOCAL[self.outside(call.func)]
+            remedy = f"write  {written}  once, in the kernel's body, outside of loops and branches"
             self.refuse(node, f"'{shown(node)}'", remedy)
         place = f"%z{len(self.variables)}"
         self.memory.append(f"  {place} = alloca [{count} x double]")
         self.add(f"store [{count} x double] zeroinitializer, ptr {place}")
-        self.store(target.id, Value(Type("float", len(sizes)), place, tuple(map(str, sizes)), target.id), node)
+        kind = kind._replace(dimensions=len(sizes))
+        self.store(target.id, Value(kind, place, tuple(map(str, sizes)), target.id), node)
 
     def change(self, node: ast.AugAssign) -> None:
         """Emit `a += b`; the old value is read before b is computed."""

@@ -12,6 +12,7 @@ import linecache
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import islice
 from types import FunctionType, ModuleType
 from typing import (
     Annotated,
@@ -120,6 +121,21 @@ class Layout:
     defaults: dict[str, Any]
     width: int
     """The number of columns of a record in an array; 0 if a field is neither a float, a bool nor such a record."""
+
+    @cached_property
+    def records(self) -> tuple[tuple[str, Layout | None], ...]:
+        """The names of the fields, with the layouts of those that are records."""
+        return tuple((name, None if kind.dimensions else kind.layout) for name, kind in self.fields.items())
+
+    @cached_property
+    def flat(self) -> bool:
+        """True if no field is a record."""
+        return not any(layout for _, layout in self.records)
+
+    @cached_property
+    def floats(self) -> bool:
+        """True if all fields are floats."""
+        return all(kind == FLOAT for kind in self.fields.values())
 
     @property
     def name(self) -> str:
@@ -440,6 +456,8 @@ class Rows:
 
 def _record(layout: Layout, numbers: Iterator[float]) -> Any:
     """Return a record built from the numbers of a row."""
+    if layout.floats:
+        return layout.python(*islice(numbers, len(layout.fields)))
     return layout.python(
         *(
             _record(kind.layout, numbers) if kind.layout else bool(next(numbers)) if kind == BOOL else next(numbers)
@@ -461,3 +479,33 @@ def rows_for(record: type, *sizes: int) -> NDArray[np.float64]:
 def zeros(*sizes: int) -> NDArray[np.float64]:
     """Return a small array of fixed size for a local variable of a kernel: one to three sizes, at most 256 numbers."""
     return cast(Any, Cells(np.zeros(sizes)))
+
+
+@overload
+def records(record: type[_Record], size: int, /) -> Records[_Record]: ...
+@overload
+def records(record: type[_Record], first: int, second: int, /) -> Records2[_Record]: ...
+def records(record: type, *sizes: int) -> Any:
+    """Return a small array of records for a local variable of a kernel: one or two sizes, at most 256 numbers."""
+    return Rows(rows_for(record, *sizes), layout_of(record))
+
+
+def by_field(record: type[_Record], rows: NDArray[np.float64]) -> _Record:
+    """Return an array of records as one record whose fields are the columns, as views, so that plain arithmetic on its
+    fields (`kernel.python`, too) computes with all rows at once; a single row becomes a record of numbers.
+    """
+    if rows.ndim == 1:
+        return cast(_Record, _record(layout_of(record), iter(rows.tolist())))
+    return cast(_Record, _columns(layout_of(record), iter(rows.T if rows.ndim == 2 else np.moveaxis(rows, -1, 0))))
+
+
+def _columns(layout: Layout, left: Iterator[np.ndarray]) -> Any:
+    """Return a record of the next columns of an array."""
+    if layout.floats:
+        return layout.python(*islice(left, len(layout.fields)))
+    return layout.python(
+        *(
+            _columns(kind.layout, left) if kind.layout else next(left) != 0.0 if kind == BOOL else next(left)
+            for kind in layout.fields.values()
+        )
+    )

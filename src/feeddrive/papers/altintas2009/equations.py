@@ -7,11 +7,11 @@ import numpy as np
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.controller.dadsc import DADSC
 from feeddrive.blocks.feedforward.inertia import Inertia
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text
 from feeddrive.papers.altintas2009 import testbed
 from feeddrive.papers.altintas2009.testbed import MASS, PLANT, VISCOUS, Fraction, Ideal, T
-from feeddrive.papers.claims import Claim
+from feeddrive.papers.claims import Claim, printed, within
 from feeddrive.plot.curves import pole_sweep_chart
 from feeddrive.report.report import Picture
 
@@ -144,10 +144,16 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
     step = np.full(600, 200.0)
     fall = 1.0 / (1.0 + law.adaptation_rate * T)
     rule = f"{IDEAL}; F_d = 200 N from the first sample on"
-    off = {}
+    off, states = {}, {}
     for name, loop_ in (("free", law), ("coupled", coupled)):
-        left = 200.0 - np.array([state.estimate for state in _run(loop_, step).states])
+        states[name] = _run(loop_, step).states
+        left = 200.0 - np.array([state.estimate for state in states[name]])
         off[name] = float(np.max(np.abs(left[1:] - fall * left[:-1])))
+    # from (6): the estimate leaves the line by (g2 Q - g1) s(k-1) / (Q + g1 R)
+    g1, g2 = coupled.prepare(T)
+    Q = 1.0 + coupled.reaching_rate * T
+    largest = max(abs(state.sliding) for state in states["coupled"])
+    leaves = abs(g2 * Q - g1) * largest / (Q + g1 * R)
     claims += [
         Claim(
             "1.a",
@@ -162,8 +168,9 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
             "with g2 Q - g1 = -0.1 g1 the estimate depends on s: the error leaves that line",
             rule,
             off["coupled"],
-            least=0.1,
+            *within(leaves, 1e-6),
             unit="N",
+            expected="(g2 Q - g1) s/(Q + g1 R) by (6)",
         ),
     ]
     run = _run(law, step)
@@ -172,6 +179,10 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
     left = 200.0 - np.array([state.estimate for state in run.states])
     value = s**2 + mu * left**2
     growth = float(np.max(value[1:] / value[:-1]))
+    # of (s, F̃), with V = zᵀ P z: no state lets V fall less than the largest eigenvalue of P⁻¹ Aᵀ P A
+    A = np.array([[1.0 / Q, -R * fall / Q], [0.0, fall]])
+    scaled = np.diag([1.0, mu**0.5]) @ A @ np.diag([1.0, mu**-0.5])
+    slowest = float(np.linalg.norm(scaled, 2) ** 2)
     return [
         *claims,
         Claim(
@@ -179,7 +190,10 @@ def _implicit(law: DADSC, coupled: DADSC, ppi: CascadePPI) -> list[Claim]:
             Text(f"V = s² + μ F̃² falls in every sample (μ = {Quantity(mu, 'm'):3 SI}²/(s² N²))"),
             rule,
             growth,
-            most=1.0,
+            # in the end the states fall by the slowest pole alone
+            least=fall**2,
+            most=slowest * (1.0 + 1e-6),
+            expected=f"largest factor in a sample {number(slowest, 4)} from any state, {number(fall**2, 4)} in the end",
         ),
     ]
 
@@ -211,12 +225,21 @@ def _closed_form(law: DADSC, ppi: CascadePPI) -> list[Claim]:
     for name, loop_, column in columns:
         response = _run(loop_, kick).position
         # the printed form is evaluated, too: the claim shows that it is a misprint
-        for printed in (False, True):
-            expected = testbed.transfer(column, MASS, T, printed=printed).impulse(kick.size)
+        for as_printed in (False, True):
+            expected = testbed.transfer(column, MASS, T, printed=as_printed).impulse(kick.size)
             off = float(np.max(np.abs(response - expected)) / np.max(np.abs(response)))
             rule = f"{IDEAL}; F_d = 1 N in sample 0; largest difference over the peak, 1000 samples"
-            if printed:
-                claims.append(Claim("1.b", f"(8) as printed, z² - 1, is not the loop: {name}", rule, off, 0.1))
+            if as_printed:
+                claims.append(
+                    Claim(
+                        "1.b",
+                        f"(8) as printed, z² - 1, is not the loop: {name}",
+                        rule,
+                        off,
+                        least=0.1,
+                        one_sided="any difference beyond rounding shows the misprint",
+                    )
+                )
             else:
                 claims.append(Claim("1.b", f"(8) with z² - z is the impulse response: {name}", rule, off, None, 1e-9))
     # coefficients, not roots: a triple root keeps only a third of the digits
@@ -257,11 +280,19 @@ def _pole_map() -> tuple[list[Claim], list[Picture]]:
             unit="rad/s",
         ),
         Claim("1.c", "the cascade's are real at the first two points", rule, max(swing[:2]), None, 1e-4, "rad/s"),
-        Claim("1.c", "and complex from the third on", rule, min(swing[2:]), 1000.0, None, "rad/s"),
+        Claim(
+            "1.c",
+            "and complex from the third on: the least imaginary part",
+            rule,
+            min(swing[2:]),
+            *printed("1790"),
+            unit="rad/s",
+            expected="-745 + 1790j",
+        ),
         Claim(
             "1.c", "the cascade's last pair: real part", rule, largest.real, -3900.0, -3896.0, "rad/s", "-3898 + 5354j"
         ),
-        Claim("1.c", "the cascade's last pair: imaginary part", rule, largest.imag, 5350.0, 5358.0, "rad/s"),
+        Claim("1.c", "the cascade's last pair: imaginary part", rule, largest.imag, 5350.0, 5358.0, "rad/s", "5354"),
     ]
     picture = Picture(
         "poles",

@@ -207,41 +207,41 @@ def recoveries() -> list[Claim]:
         return estimates
 
     made_of: dict[str, Any] = {"mass": MASS, "viscous": VISCOUS}
-    kinds: list[tuple[str, Observer, np.ndarray, float, str]] = [
+    kinds: list[tuple[str, Observer, np.ndarray, float, tuple[str, ...]]] = [
         (
             "the exact recovery is the inverse of the axis",
             DisturbanceRecovery(**made_of, form="exact"),
             exact,
             1e-9,
-            "recovery from (6)",
+            ("recovery from (6)",),
         ),
         (
             "with two samples of dead time it takes the command before them",
             DisturbanceRecovery(**made_of, form="exact", delay_samples=2),
             late,
             1e-9,
-            "recovery from (6)",
+            ("recovery from (6)",),
         ),
         (
             "the first-order form has the pole e^(-2π f T)",
             DisturbanceRecovery(**made_of, form="one_pole", frequency=corner),
             one,
             1e-9,
-            "recovery, one pole",
+            ("recovery, filter", "recovery from (6)"),
         ),
         (
             "the second-order form is that of Butterworth",
             DisturbanceRecovery(**made_of, frequency=corner),
             two,
             1e-9,
-            "recovery, Butterworth",
+            ("recovery, Butterworth", "recovery, filter", "recovery from (6)"),
         ),
         (
             "the Kalman filter has the gain of the Riccati equation",
             KalmanRecovery(**made_of, resolution=resolution, force_step=walk),
             by_kalman[:, 2],
             1e-6,
-            "Kalman recovery",
+            ("Kalman recovery",),
         ),
     ]
     kalman_filter = kinds[-1][1]
@@ -252,9 +252,9 @@ def recoveries() -> list[Claim]:
             RULE,
             misfit(seen(observer), expected),
             most=most,
-            equations=(name,) if "Kalman" in name else tuple(dict.fromkeys((name, "recovery from (6)"))),
+            equations=names,
         )
-        for title, observer, expected, most, name in kinds
+        for title, observer, expected, most, names in kinds
     ] + [
         Claim(
             "1.l",

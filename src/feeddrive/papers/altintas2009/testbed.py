@@ -46,6 +46,17 @@ def cascade(rate: float, mass: float = MASS) -> CascadePPI:
     return CascadePPI(Kv=gain, Kp=3.0 * mass * rate, Tn=1.0 / gain, viscous=VISCOUS)
 
 
+def continuous_compliance(name: str, rate: float, frequency: np.ndarray) -> np.ndarray:
+    """Return the compliance x/F_d of the PID that equals `dadsc` or `cascade` in continuous time, m/N, complex.
+
+    DADSC: s/(m (s + p)³); the cascade: s/(m (s³ + 3 p (s + 4 p/9)²)), since Kv = 1/Tn at its double root.
+    """
+    s = 2j * np.pi * np.asarray(frequency, dtype=float)
+    if name == "DADSC":
+        return s / (MASS * (s + rate) ** 3)
+    return s / (MASS * (s**3 + 3.0 * rate * (s + 4.0 * rate / 9.0) ** 2))
+
+
 def loop(
     law: Law,
     *,

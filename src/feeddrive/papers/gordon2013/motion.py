@@ -25,13 +25,17 @@ from feeddrive.language.table import Column, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, simulate
-from feeddrive.papers.claims import Claim, stated
+from feeddrive.papers.claims import KEPT, Claim, kept, quotient, stated, within
 from feeddrive.papers.gordon2013 import testbed
+from feeddrive.papers.gordon2013.frequency import DIGITS
 from feeddrive.papers.gordon2013.testbed import CASCADE, FULL, GAINS, LONG, PLACED, RIGID, SHORT, SOFTER, TRUTH, Part
 from feeddrive.plot.chart import LOG, NEUTRAL, THIN, Chart, Curve, Panel
 from feeddrive.plot.curves import bars
 from feeddrive.report.report import Picture
 
+# shares to which the expected figures are known: their program counts the last half sample of the setpoints otherwise,
+# which shows the more the less error is left
+KNOWN_RMS, KNOWN_PEAK, KNOWN_LARGE = 0.2, 0.4, 0.06  # an RMS, a peak of 1 µm or less, a peak of 10 µm
 # s, when the rope is cut; the table has settled under its force by then
 CUT = 0.5
 SETTLED = 0.5e-6  # m
@@ -54,20 +58,24 @@ def rope_snap() -> Part:
             "The peak hardly differs: table mass and screw set it",
             rule,
             peaks[0] / peaks[1],
-            least=0.9,
-            most=1.1,
-            expected="17.7 / 18.4 µm",
+            *quotient("17.7", "18.4"),
+            expected=f"17.7 / 18.4 µm, {DIGITS}",
         ),
         Claim(
-            "2.b rms", "Less is left in the first 50 ms", rule, left[0] / left[1], None, 0.85, "", "4.84 / 6.16 µm RMS"
+            "2.b rms",
+            "Less is left in the first 50 ms",
+            rule,
+            left[0] / left[1],
+            *quotient("4.84", "6.16"),
+            expected=f"4.84 / 6.16 µm RMS, {DIGITS}",
         ),
         Claim(
             "2.b settling",
             "Pole placement is back within 0.5 µm in half the time",
             rule,
             settled[0] / settled[1],
-            most=0.55,
-            expected="18.8 / 40.4 ms",
+            *quotient("18.8", "40.4", 0.003),
+            expected=f"18.8 / 40.4 ms, {DIGITS}; a sample is 0.3 % of the shorter one",
         ),
         Claim(
             "2.b linear",
@@ -156,6 +164,7 @@ def tracking_error() -> Part:
                     largest,
                     most=0.2,
                     expected="largest |correlation| 0.14",
+                    one_sided="0.2 was required, and less would be as good",
                 )
             )
     rows = [
@@ -176,17 +185,16 @@ def tracking_error() -> Part:
             "Pole placement follows at least eight times closer",
             rule,
             rated(CASCADE, "long move") / rated(PLACED, "long move"),
-            least=10.0,
-            most=20.0,
-            expected="RMS 2.99 / 0.204 µm, each known to 20 %",
+            *quotient("2.99", "0.204", KNOWN_RMS),
+            expected="RMS 2.99 / 0.204 µm, to 20 %",
         ),
         Claim(
             "2.c laws, peak",
             "Its peak too",
             rule,
             largest_of(CASCADE, "long move") / largest_of(PLACED, "long move"),
-            least=8.0,
-            expected="11.2 / 0.66 µm",
+            *quotient("11.2", "0.66", known_below=KNOWN_PEAK),
+            expected="11.2 / 0.66 µm, the peak below 1 µm to 40 %; at least 8 was required",
         ),
         Claim(
             "2.c prefilter",
@@ -194,23 +202,24 @@ def tracking_error() -> Part:
             rule,
             rated(PLACED, "long move") / rated(PLACED, "long move, prefilter"),
             least=1.6,
-            expected="RMS 0.204 -> 0.107 µm",
+            most=quotient("0.204", "0.107")[1],
+            expected="1.76 times, and RMS 0.204 -> 0.107 µm = 1.91 times, were stated; at least 1.6 was required",
         ),
         Claim(
             "2.c prefilter, P-PI",
             "It helps P-PI as well, which stays behind",
             rule,
             rated(CASCADE, "long move") / rated(CASCADE, "long move, prefilter"),
-            least=1.6,
-            expected="RMS 2.99 -> 1.21 µm",
+            *quotient("2.99", "1.21", KNOWN_RMS),
+            expected="RMS 2.99 -> 1.21 µm, to 20 %",
         ),
         Claim(
             "2.c other move",
             "Fitted on the long move it helps on the short one",
             slow,
             rated(PLACED, "short move") / rated(PLACED, "short move, prefilter of the long one"),
-            least=1.2,
-            expected="RMS 0.095 -> 0.064 µm",
+            *quotient("0.095", "0.064", KNOWN_RMS),
+            expected="RMS 0.095 -> 0.064 µm, to 20 %",
         ),
     ]
     heads = [f"tracking error, peak / RMS in {unit_name('m')}", PLACED, CASCADE]
@@ -260,9 +269,8 @@ def ablation() -> Part:
             "Compatible commands alone are worth little",
             rule,
             falls(1, 0),
-            least=0.6,
-            most=1.0,
-            expected="44.9 -> 33.2 µm",
+            *quotient("33.2", "44.9", 0.02),
+            expected="44.9 -> 33.2 µm, to 2 %",
         ),
         Claim("2.d stall", "The prefilter stalls without feedforward", rule, order[2], 9.9, 12.1, "µm", "11 µm"),
         Claim(
@@ -270,36 +278,41 @@ def ablation() -> Part:
             "Inverse dynamics without compatible commands are worth little",
             rule,
             min(order[3], order[5]),
-            least=8.0,
+            *within(11.9, KNOWN_LARGE),
             unit="µm",
-            expected="11.9 and 12.8 µm",
+            expected="the smaller of 11.9 and 12.8 µm, to 6 %",
         ),
         Claim(
             "2.d rigid",
             "A rigid inverse with compatible commands is worth more than both alone",
             rule,
             order[4] / min(order[1], order[3]),
-            most=0.3,
-            expected="1.51 µm",
+            *quotient("1.51", "11.9", KNOWN_PEAK, known_below=KNOWN_LARGE),
+            expected="1.51 µm to 40 % of 11.9 µm to 6 %",
         ),
         Claim(
             "2.d full",
             "The full inverse with compatible commands is worth most",
             rule,
             falls(6, 4),
-            most=0.7,
-            expected="1.51 -> 0.74 µm",
+            *quotient("0.74", "1.51", KNOWN_PEAK),
+            expected="1.51 -> 0.74 µm, to 40 %",
         ),
         Claim(
             "2.d together",
             "Commands and inverse are effective only together",
             rule,
             order[6] / min(order[1], order[3], order[5]),
-            most=0.1,
-            expected="0.74 of 12 µm",
+            *quotient("0.74", "11.9", KNOWN_PEAK),
+            expected="0.74 of 11.9 µm, to 40 %",
         ),
         Claim(
-            "2.d prefilter", "The prefilter takes off the rest", rule, falls(7, 6), None, 0.75, "", "0.74 -> 0.48 µm"
+            "2.d prefilter",
+            "The prefilter takes off the rest",
+            rule,
+            falls(7, 6),
+            *quotient("0.48", "0.74", 0.2),
+            expected="0.74 -> 0.48 µm: both peaks of one loop and move, to 20 %",
         ),
     ]
     rows = [[name, stated(float(kinds[name][1]), "µm"), stated(value, "µm", "3")] for name, value in peaks.items()]
@@ -358,44 +371,41 @@ def friction() -> Part:
             "Friction feedforward takes most of the error under pole placement",
             rule,
             gain(smooth, PLACED, testbed.rms),
-            least=2.5,
-            expected="RMS 0.446 -> 0.136 µm",
+            *quotient("0.446", "0.136", KNOWN_RMS),
+            expected="RMS 0.446 -> 0.136 µm, to 20 %",
         ),
         Claim(
             "2.e peak",
             "And of its peak",
             rule,
             gain(smooth, PLACED, testbed.peak),
-            2.5,
-            None,
-            "",
-            "peak 3.84 -> 0.96 µm",
+            *quotient("3.84", "0.96", known_below=KNOWN_PEAK),
+            expected="peak 3.84 -> 0.96 µm, the peak below 1 µm to 40 %",
         ),
         Claim(
             "2.e P-PI",
             "It reduces the error of P-PI little, since that error is not caused by friction",
             rule,
             gain(smooth, CASCADE, testbed.peak),
-            least=1.1,
-            most=1.5,
-            expected="peak 13.9 -> 11.4 µm",
+            *quotient("13.9", "11.4"),
+            expected=f"peak 13.9 -> 11.4 µm, {DIGITS}",
         ),
         Claim(
             "2.e set-valued",
             "The order is the same with set-valued friction",
-            beside,
+            f"{beside}; the size: {KEPT}",
             gain(exact, PLACED, testbed.rms),
-            least=1.5,
-            expected="ordering only",
+            *kept(2.03),
+            expected="ordering only: more than 1",
         ),
         Claim(
             "2.e laws",
-            "Pole placement stays far closer than P-PI",
+            "Pole placement stays far closer than P-PI: its peak",
             rule,
-            testbed.rms(runs[smooth, CASCADE, True]["tracking_error"])
-            / testbed.rms(runs[smooth, PLACED, True]["tracking_error"]),
-            least=8.0,
-            expected="peak 11.4 / 0.96 µm",
+            testbed.peak(runs[smooth, CASCADE, True]["tracking_error"])
+            / testbed.peak(runs[smooth, PLACED, True]["tracking_error"]),
+            *quotient("11.4", "0.96", known_below=KNOWN_PEAK),
+            expected="peak 11.4 / 0.96 µm, the peak below 1 µm to 40 %",
         ),
     ]
     rows = [
@@ -456,17 +466,16 @@ def machining() -> Part:
             "Less error in the first 60 ms of a cut",
             rule,
             entering(ppc) / entering(ppi),
-            most=0.95,
-            expected="RMS 1.12 / 1.22 µm",
+            *quotient("1.12", "1.22"),
+            expected=f"RMS 1.12 / 1.22 µm, {DIGITS}",
         ),
         Claim(
             "2.f steady",
             "No difference in the steady cut",
             rule,
             steady(ppc) / steady(ppi),
-            least=0.95,
-            most=1.05,
-            expected="RMS 0.75 / 0.74 µm",
+            *quotient("0.75", "0.74"),
+            expected=f"RMS 0.75 / 0.74 µm, {DIGITS}",
         ),
     ]
     rows: list[list[str | Quantity | None]] = [
@@ -521,7 +530,9 @@ def other_axis() -> Part:
     calm, shaken = ({name: _jittered(loop, by) for name, loop in _both().items()} for by in (None, 1.5e-3))
     for words, runs in (("no jitter", calm), ("jitter 0.15 % of T", shaken)):
         rows += [[f"{name}, {words}", testbed.figures(run), None] for name, run in runs.items()]
-    errors = {name: testbed.rms(run["tracking_error"]) for name, run in shaken.items()}
+    undisturbed, errors = (
+        {name: testbed.rms(run["tracking_error"]) for name, run in runs.items()} for runs in (calm, shaken)
+    )
     rule = f"true table 43 kg, nothing identified anew, gains of 45 Hz and ζ 0.6; 300 mm move; {TRUTH}"
     rubbing = f"{rule}; friction 110 N falling to 70 N on the screw as tanh, fed forward"
     jitter = (
@@ -541,19 +552,17 @@ def other_axis() -> Part:
         Claim(
             "2.g prefilter",
             "Without friction the prefilter takes all but a sixth of the errors of the model",
-            rule,
+            f"{rule}; {KEPT}",
             peaks[PLACED, False][0] / peaks[PLACED, False][1],
-            least=4.0,
-            most=8.0,
+            *kept(5.80),
             expected="no figure was given: what is left is of second order in the prefilter",
         ),
         Claim(
             "2.g prefilter, P-PI",
             "It finds less of that of P-PI",
-            rule,
+            f"{rule}; {KEPT}",
             peaks[CASCADE, False][0] / peaks[CASCADE, False][1],
-            least=1.2,
-            most=2.0,
+            *kept(1.61),
             expected="no figure was given",
         ),
         Claim(
@@ -581,8 +590,10 @@ def other_axis() -> Part:
             "Pole placement stays ahead although the clock jitters",
             jitter,
             errors[CASCADE] / errors[PLACED],
-            least=3.0,
-            expected="no figure was given",
+            # at 1 m/s δ is white noise of 75 nm in the reading, of which the loop, 150 Hz of 10 kHz, passes some 10 nm:
+            # 0.2 % of 0.2 µm RMS, since squares add
+            *within(undisturbed[CASCADE] / undisturbed[PLACED], 0.02),
+            expected="as without jitter, to 2 %: of the 75 nm of noise that it is at 1 m/s the loop passes some 10 nm",
         ),
     ]
     heads = [f"tracking error, peak / RMS in {unit_name('m')}", "as designed", "with prefilter"]

@@ -366,6 +366,7 @@ def damping() -> Part:
             stability(bare).growth,
             least=1.0005,
             expected="the pack is for stability",
+            one_sided="1 is the edge of stability, and more grows faster",
             equations=("pole placement",),
         ),
     ]

@@ -20,10 +20,14 @@ Source: Schoenberg 1967, On spline functions; de Boor 1978, A practical guide to
 from __future__ import annotations
 
 from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, zeros
-from feeddrive.path.geometry.segments import hermite, largest_norm, part_of
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records, Records2, rows_for, zeros
+from feeddrive.path.geometry.segments import State, hermite, largest_norm, part_of
+from feeddrive.path.motion import Piece, Pieces, less_line, line_way, put_line
 
 ENDS = 5  # number of knots beyond each end
 GRADE = 0.35  # growth of the step per distance
@@ -31,20 +35,88 @@ FITTED = 20  # number of steps before the end that are adapted to it
 _QUARTERS = 4  # subdivisions of an interval whose hull is too wide
 
 
+class Goals(NamedTuple):
+    """Limits of the step between knots at increasing positions, m."""
+
+    at: Floats
+    step: Floats
+
+
+class Lines(NamedTuple):
+    """The lines of a chain, of which a cluster consists, and what `fitted` knows of them.
+
+    corner     u at the start of each line, and the end of the last, m
+    group      equal numbers for consecutive lines of the same direction
+    slope      direction, shape (n, N)
+    tolerance  of each line, m: the smaller of the tolerances at its two joints
+    far        bound on the distance to each line, m
+    """
+
+    pieces: Pieces
+    corner: Floats
+    group: Ints
+    slope: Floats2
+    tolerance: Floats
+    far: Floats
+
+
+class Fit(NamedTuple):
+    """The spline of a cluster: knots and, for each of these, control points and polynomials.
+
+    x         Greville abscissas, m
+    control   values of f there
+    segment   segment on which each x, or its mirror image, lies
+    straight  equal numbers for neighboring abscissas if f is straight between them
+    state     S - f(x_{e-3}) and the first three derivatives of S at knot e
+    curved    0 for a straight span after a knot
+    curve     polynomial of this span, otherwise
+    """
+
+    knots: Floats
+    x: Floats
+    control: Floats2
+    segment: Ints
+    straight: Ints
+    state: Records2[State]
+    curved: Ints
+    curve: Floats3
+
+
+class Room(NamedTuple):
+    """Work arrays of `fitted`.
+
+    goals, more    limits of the steps between knots, of this round and of the next
+    a, b           states at the ends of a span, (N,)
+    piece, rest    polynomials, shape (N, 8)
+    before, behind, here  directions, shape (N,)
+    """
+
+    goals: Goals
+    more: Goals
+    a: Records[State]
+    b: Records[State]
+    piece: Floats2
+    rest: Floats2
+    before: Floats
+    behind: Floats
+    here: Floats
+
+
 @kernel
-def envelope(places: Floats, steps: Floats, count: int, at: Floats, goal: Floats) -> int:
-    """Write the positions at which the step limits are active, and these limits, into `at` and `goal`; return their
-    number.
+def envelope(given: Goals, count: int, active: Goals) -> int:
+    """Write the step limits that are active into `active`; return their number.
 
     The step size may grow from each position by at most GRADE times the distance; a limit above this bound is never
     active and is omitted. The first position is always included.
     """
-    at[0] = places[0]
-    goal[0] = steps[0]
+    at = active.at
+    goal = active.step
+    at[0] = given.at[0]
+    goal[0] = given.step[0]
     many = 1
     for k in range(1, count):
-        u = places[k]
-        step = steps[k]
+        u = given.at[k]
+        step = given.step[k]
         if step >= goal[many - 1] + GRADE * (u - at[many - 1]):
             continue
         while many > 1 and goal[many - 1] >= step + GRADE * (u - at[many - 1]):
@@ -58,16 +130,16 @@ def envelope(places: Floats, steps: Floats, count: int, at: Floats, goal: Floats
 
 
 @kernel
-def place_knots(
-    at: Floats, goal: Floats, many: int, largest: float, total: float, fixed: int, most: int, knots: Floats
-) -> int:
-    """Place knots up to `total`, mirrored beyond the ends, so that the distances between them follow the goals at the
-    positions `at`; return the number of these steps.
+def place_knots(goals: Goals, many: int, largest: float, total: float, fixed: int, most: int, knots: Floats) -> int:
+    """Place knots up to `total`, mirrored beyond the ends, so that the distances between them follow the goals; return
+    the number of these steps.
 
-    If the first `fixed` steps are fixed, all knots up to knots[ENDS + fixed] = at[0] are inputs.  Otherwise knots[ENDS]
-    is 0.  There are at least five steps, provided that `largest` is at most total/6; the result is 0 if more than
-    `most` are required.
+    If the first `fixed` steps are fixed, all knots up to knots[ENDS + fixed], the first goal, are inputs.  Otherwise
+    knots[ENDS] is 0.  There are at least five steps, provided that `largest` is at most total/6; the result is 0 if
+    more than `most` are required.
     """
+    at = goals.at
+    goal = goals.step
     if fixed == 0:
         knots[ENDS] = 0.0
     u = knots[ENDS + fixed]
@@ -116,103 +188,73 @@ def place_knots(
 
 
 @kernel
-def control_points(
-    corner: Floats,
-    group: Ints,
-    origin: Floats2,
-    slope: Floats2,
-    first: int,
-    last: int,
-    total: float,
-    knots: Floats,
-    count: int,
-    x: Floats,
-    control: Floats2,
-    segment: Ints,
-    straight: Ints,
-) -> int:
-    """Write the Greville abscissas into `x`, and the values of f there into `control`.
-
-    corner    u at the start of each segment, and the end of the last
-    group     equal numbers for consecutive segments of the same direction
-    segment   segment on which each x, or its mirror image, lies
-    straight  equal numbers for neighboring abscissas if f is straight between them
-    """
+def control_points(lines: Lines, first: int, last: int, total: float, count: int, fit: Fit) -> int:
+    """Compute the control points for `count` steps between the knots."""
+    knots = fit.knots
+    corner = lines.corner
     k = first
     for i in range(count + ENDS):
         here = 0.2 * (knots[i + 1] + knots[i + 2] + knots[i + 3] + knots[i + 4] + knots[i + 5])
-        x[i] = here
+        fit.x[i] = here
         inside = min(abs(here), 2.0 * total - here) if here > total or here < 0.0 else here
         while k < last and corner[k + 1] < inside:
             k = k + 1
         while k > first and corner[k] > inside:
             k = k - 1
-        segment[i] = k
-        straight[i] = group[k]
+        fit.segment[i] = k
+        fit.straight[i] = lines.group[k]
         end = -1
         if here < 0.0:
             end = first
         elif here > total:
             end = last
-        for n in range(len(slope[0])):
-            control[i, n] = origin[k, n] + slope[k, n] * (inside - corner[k])
+        for n in range(len(lines.slope[0])):
+            control = lines.pieces.origin[k, n] + lines.slope[k, n] * (inside - corner[k])
             if end >= 0:
-                turn = origin[end, n] + slope[end, n] * ((total if here > 0.0 else 0.0) - corner[end])
-                control[i, n] = 2.0 * turn - control[i, n]
-        if end >= 0 and group[k] != group[end]:
+                ends = total if here > 0.0 else 0.0
+                turn = lines.pieces.origin[end, n] + lines.slope[end, n] * (ends - corner[end])
+                control = 2.0 * turn - control
+            fit.control[i, n] = control
+        if end >= 0 and lines.group[k] != lines.group[end]:
             # numbers that occur nowhere else: the mirror image of another line is parallel to it, but not on it
-            straight[i] = -1 - group[k] if here < 0.0 else -2 - group[last] - group[k]
+            fit.straight[i] = -1 - lines.group[k] if here < 0.0 else -2 - lines.group[last] - lines.group[k]
     return 0
 
 
 @kernel
-def states(
-    knots: Floats,
-    count: int,
-    x: Floats,
-    control: Floats2,
-    segment: Ints,
-    straight: Ints,
-    slope: Floats2,
-    state: Floats3,
-) -> int:
-    """Write S - f(x_{e-3}), S', S'' and S''' at each knot e, computed from differences of control points (de Boor),
-    into `state`.
+def states(lines: Lines, count: int, fit: Fit) -> int:
+    """Compute the state at each knot from differences of control points (de Boor).
 
     If all relevant control points lie on one line, the results are exactly those of the line.
     """
+    knots = fit.knots
     q = zeros(5)
     move = zeros(5)
+    value = zeros(4)
+    axes = len(lines.slope[0])
     for e in range(ENDS, ENDS + count + 1):
         here = knots[e]
         same = True
         for i in range(e - 4, e):
-            same = same and straight[i] == straight[i - 1]
-        k = segment[e - 3]
+            same = same and fit.straight[i] == fit.straight[i - 1]
+        k = fit.segment[e - 3]
         if same:
-            for n in range(len(slope[0])):
-                state[e, n, 0] = slope[k, n] * (here - x[e - 3])
-                state[e, n, 1] = slope[k, n]
-                state[e, n, 2] = 0.0
-                state[e, n, 3] = 0.0
+            for n in range(axes):
+                fit.state[e, n] = State(lines.slope[k, n] * (here - fit.x[e - 3]), lines.slope[k, n], 0.0, 0.0)
             continue
-        for n in range(len(slope[0])):
+        for n in range(axes):
             for m in range(1, 5):
                 i = e - 5 + m
                 # along one line from its slope: differences of absolute coordinates would bend it by their rounding
-                if straight[i] == straight[i - 1]:
-                    move[m] = slope[segment[i], n] * (x[i] - x[i - 1])
+                if fit.straight[i] == fit.straight[i - 1]:
+                    move[m] = lines.slope[fit.segment[i], n] * (fit.x[i] - fit.x[i - 1])
                 else:
-                    move[m] = control[i, n] - control[i - 1, n]
+                    move[m] = fit.control[i, n] - fit.control[i - 1, n]
             # control points from that of e - 3, then their differences
             for derivative in range(4):
                 degree = 5 - derivative
                 if derivative == 0:
-                    q[0] = -move[2] - move[1]
-                    q[1] = -move[2]
-                    q[2] = 0.0
-                    q[3] = move[3]
-                    q[4] = move[3] + move[4]
+                    _from_third(move, q)
                 elif derivative == 1:
                     for m in range(1, 5):
                         i = e - 5 + m
@@ -230,108 +272,107 @@ def states(
                         i = e - 5 + m
                         share = (here - knots[i]) / (knots[i + degree + 1 - level] - knots[i])
                         q[m] = q[m - 1] + share * (q[m] - q[m - 1])
-                state[e, n, derivative] = q[4]
+                value[derivative] = q[-1]
+            value0, value1, value2, value3 = value
+            fit.state[e, n] = State(value0, value1, value2, value3)
     return 0
 
 
 @kernel
-def spline_span(
-    e: int,
-    knots: Floats,
-    x: Floats,
-    control: Floats2,
-    segment: Ints,
-    straight: Ints,
-    slope: Floats2,
-    state: Floats3,
-    a: Floats2,
-    b: Floats2,
-    out: Floats2,
-) -> bool:
-    """Write the polynomial of the span after knot e into `out` (N, 8); return False without writing if the span is
-    straight.
-    """
-    same = True
-    for i in range(e - 4, e + 1):
-        same = same and straight[i] == straight[i - 1]
-    if same:
-        return False
-    for n in range(len(out)):
-        move = control[e - 2, n] - control[e - 3, n]
-        if straight[e - 2] == straight[e - 3]:
-            move = slope[segment[e - 2], n] * (x[e - 2] - x[e - 3])
-        for k in range(1, 4):
-            a[n, k] = state[e, n, k]
-            b[n, k] = state[e + 1, n, k]
-        a[n, 0] = 0.0
-        b[n, 0] = (state[e + 1, n, 0] - state[e, n, 0]) + move
-    hermite(a, b, knots[e + 1] - knots[e], out)
-    return True
+def _from_third(move: Floats, q: Floats) -> int:
+    """Write the positions of five points relative to the third into `q`; move[m] leads from point m - 1 to point m."""
+    for m in range(5):
+        q[m] = 0.0
+    for back in range(2):
+        m = 1 - back
+        q[m] = -move[m + 1] if back == 0 else q[m + 1] - move[m + 1]
+    for m in range(3, 5):
+        q[m] = move[m] if m == 3 else q[m - 1] + move[m]
+    return 0
 
 
 @kernel
-def deviation(
-    e: int,
-    knots: Floats,
-    shape: Floats2,
-    corner: Floats,
-    origin: Floats2,
-    slope: Floats2,
-    tolerance: Floats,
-    first: int,
-    last: int,
-    state: Floats3,
-    control: Floats2,
-    bounded: bool,
-    piece: Floats2,
-    difference: Floats2,
-    far: Floats,
-) -> tuple[float, float, int]:
-    """Return the largest ratio of |S - f| to the tolerance of its segment on a span, the position of that maximum, and
-    the last segment reached.
+def spline_span(lines: Lines, e: int, fit: Fit, room: Room) -> bool:
+    """Compute the polynomial of the span after knot e; return False without writing if the span is straight."""
+    same = True
+    for i in range(e - 4, e + 1):
+        same = same and fit.straight[i] == fit.straight[i - 1]
+    if same:
+        return False
+    for n in range(len(lines.slope[0])):
+        move = fit.control[e - 2, n] - fit.control[e - 3, n]
+        if fit.straight[e - 2] == fit.straight[e - 3]:
+            move = lines.slope[fit.segment[e - 2], n] * (fit.x[e - 2] - fit.x[e - 3])
+        left = fit.state[e, n]
+        right = fit.state[e + 1, n]
+        room.a[n] = left._replace(value=0.0)
+        room.b[n] = right._replace(value=(right.value - left.value) + move)
+    hermite(room.a, room.b, fit.knots[e + 1] - fit.knots[e], fit.curve[e])
+    return True
 
-    The ratio is a bound if `bounded`, otherwise the maximum over the knots and corners; the position is always a knot
-    or a corner.  The segment search starts at `first`. far[k], the largest distance in m on segment k, is updated.
+
+class Deviation(NamedTuple):
+    """The largest ratio of |S - f| to the tolerance on a span, its position (a knot or a corner), and the last line
+    reached.
     """
-    n = len(slope[0])
-    begin = knots[e]
-    end = knots[e + 1]
+
+    share: float
+    where: float
+    line: int
+
+
+@kernel
+def deviation(lines: Lines, e: int, first: int, last: int, bounded: bool, fit: Fit, room: Room) -> Deviation:
+    """Return the deviation on the span after knot e, and update the distances `lines.far`.
+
+    The ratio is a bound if `bounded`, otherwise the maximum over the knots and corners.  The search for the line of the
+    span starts at `first`.
+    """
+    corner = lines.corner
+    shape = fit.curve[e]
+    n = len(lines.slope[0])
+    begin = fit.knots[e]
+    end = fit.knots[e + 1]
     length = end - begin
     k = first
     while k < last and corner[k + 1] <= begin:
         k = k + 1
     squares = 0.0
     for i in range(n):
-        at = origin[k, i] + slope[k, i] * (begin - corner[k])
+        at = lines.pieces.origin[k, i] + lines.slope[k, i] * (begin - corner[k])
         # the large coordinates cancel before the small state is added
-        difference[i, 0] = (control[e - 3, i] - at) + state[e, i, 0]
-        squares = squares + difference[i, 0] * difference[i, 0]
+        rest = room.rest[i]
+        rest[0] = (fit.control[e - 3, i] - at) + fit.state[e, i].value
+        squares = squares + rest[0] * rest[0]
     most = 0.0
     u = begin
     where = begin
     while True:
         until = end if k == last else min(end, corner[k + 1])
+        tolerance = lines.tolerance[k]
         before = squares
         squares = 0.0
         if bounded:
             for i in range(n):
-                start = difference[i, 0]
-                part_of(shape[i], (u - begin) / length, (until - u) / length, difference[i])
-                difference[i, 0] = start
-                difference[i, 1] = difference[i, 1] - slope[k, i] * (until - u)
-            bound = largest_norm(difference)
+                rest = room.rest[i]
+                start = rest[0]
+                part_of(shape[i], (u - begin) / length, (until - u) / length, rest)
+                rest[0] = start
+                less_line(room.rest, i, lines.slope[k, i] * (until - u))
+            bound = largest_norm(room.rest)
             # one hull is cheap, but too wide on long intervals: subdivided only where it does not suffice
-            if bound > tolerance[k]:
+            if bound > tolerance:
                 bound = 0.0
                 for part in range(_QUARTERS):
                     for i in range(n):
-                        part_of(difference[i], part / _QUARTERS, 1.0 / _QUARTERS, piece[i])
-                    bound = max(bound, largest_norm(piece))
+                        part_of(room.rest[i], part / _QUARTERS, 1.0 / _QUARTERS, room.piece[i])
+                    bound = max(bound, largest_norm(room.piece))
             for i in range(n):
+                rest = room.rest[i]
                 over = 0.0
                 for m in range(8):
-                    over = over + difference[i, m]
-                difference[i, 0] = over
+                    over = over + rest[m]
+                rest[0] = over
                 squares = squares + over * over
         else:
             x0 = (u - begin) / length
@@ -342,16 +383,17 @@ def deviation(
                 for back in range(7):
                     p0 = (p0 + shape[i, 7 - back]) * x0
                     p1 = (p1 + shape[i, 7 - back]) * x1
-                over = difference[i, 0] + (p1 - p0) - slope[k, i] * (until - u)
-                difference[i, 0] = over
+                rest = room.rest[i]
+                over = rest[0] + (p1 - p0) - lines.slope[k, i] * (until - u)
+                rest[0] = over
                 squares = squares + over * over
             bound = sqrt(max(before, squares))
-        far[k] = max(far[k], bound)
-        if bound > most * tolerance[k]:
-            most = bound / tolerance[k]
+        lines.far[k] = max(lines.far[k], bound)
+        if bound > most * tolerance:
+            most = bound / tolerance
             where = u if before > squares else until
         if until >= end:
-            return most, where, k
+            return Deviation(most, where, k)
         u = until
         k = k + 1
 
@@ -370,19 +412,17 @@ _ASIDE = 0.25  # of the tolerance
 
 
 @kernel
-def chord(length0: float, shape0: Floats2, length1: float, shape1: Floats2) -> float:
+def chord(one: Piece, two: Piece) -> float:
     """Return 2 sin(θ/2) for the angle θ between two lines."""
     turn = 0.0
-    for i in range(len(shape0)):
-        bend = shape1[i, 1] / length1 - shape0[i, 1] / length0
+    for i in range(len(one.shape)):
+        bend = line_way(two.shape, i) / two.length - line_way(one.shape, i) / one.length
         turn = turn + bend * bend
     return sqrt(turn)
 
 
 @kernel
-def _looks_straight(
-    length: Floats, shape: Floats3, near: int, way: int, far: float, aside: float, to: Floats, now: Floats
-) -> bool:
+def _looks_straight(segments: Pieces, near: int, way: int, far: float, aside: float, to: Floats, now: Floats) -> bool:
     """Return True if the lines from index `near` on, in the direction `way` (1 or -1), stay within `aside` of their
     chord over a distance of at least `far`.
 
@@ -393,10 +433,10 @@ def _looks_straight(
         to[i] = 0.0
     gone = 0.0
     k = near
-    while gone < far and k >= 0 and k < len(length):
+    while gone < far and k >= 0 and k < len(segments.length):
         for i in range(n):
-            to[i] = to[i] + shape[k, i, 1]
-        gone = gone + length[k]
+            to[i] = to[i] + line_way(segments.shape[k], i)
+        gone = gone + segments.length[k]
         k = k + way
     squares = 0.0
     for i in range(n):
@@ -413,7 +453,7 @@ def _looks_straight(
         along = 0.0
         squares = 0.0
         for i in range(n):
-            now[i] = now[i] + shape[k, i, 1]
+            now[i] = now[i] + line_way(segments.shape[k], i)
             along = along + now[i] * to[i]
             squares = squares + now[i] * now[i]
         if squares - along * along > aside * aside:
@@ -423,21 +463,16 @@ def _looks_straight(
 
 
 @kernel
-def clustered(
-    kind: Ints,
-    length: Floats,
-    shape: Floats3,
-    tolerance: Floats,
-    sharpest: float,
-    lonely: float,
-    room: Floats2,
-    inside: Ints,
-) -> int:
+def clustered(segments: Pieces, tolerance: Floats, sharpest: float, lonely: float, room: Room, inside: Ints) -> int:
     """Mark the joints that belong to a cluster with 1 in `inside`; return their number.
 
     A sharp corner does not belong to a cluster if the path is nearly straight over ten tolerances on either side: the
     run stops there.
     """
+    kind = segments.kind
+    length = segments.length
+    before = room.before
+    behind = room.behind
     count = 0
     since = 1e300  # distance from the last such corner
     for k in range(len(length)):
@@ -445,7 +480,10 @@ def clustered(
         since = since + length[k]
         if k + 1 == len(length) or tolerance[k] <= 0.0 or kind[k] != 0 or kind[k + 1] != 0:
             continue
-        turn = chord(length[k], shape[k], length[k + 1], shape[k + 1])
+        turn = chord(
+            Piece(segments.kind[k], segments.length[k], segments.shape[k]),
+            Piece(segments.kind[k + 1], segments.length[k + 1], segments.shape[k + 1]),
+        )
         most = BLEND * turn * min(length[k], length[k + 1])
         if tolerance[k] <= 0.5 * most or lonely * tolerance[k] < most:
             continue
@@ -453,12 +491,12 @@ def clustered(
         near = NEAR * tolerance[k]
         if turn > 2.0 * sharpest and since > near:
             aside = _ASIDE * tolerance[k]
-            if _looks_straight(length, shape, k, -1, near, aside, room[0], room[2]) and _looks_straight(
-                length, shape, k + 1, 1, near, aside, room[1], room[2]
+            if _looks_straight(segments, k, -1, near, aside, before, room.here) and _looks_straight(
+                segments, k + 1, 1, near, aside, behind, room.here
             ):
                 turn = 0.0
-                for i in range(len(room[0])):
-                    turn = turn + (room[1, i] - room[0, i]) * (room[1, i] - room[0, i])
+                for i in range(len(before)):
+                    turn = turn + (behind[i] - before[i]) * (behind[i] - before[i])
                 if turn > 4.0 * sharpest * sharpest:
                     since = 0.0
                     continue
@@ -468,156 +506,150 @@ def clustered(
 
 
 @kernel
-def _prepared(
-    first: int,
-    last: int,
-    begin: float,
-    length: Floats,
-    shape: Floats3,
-    tolerance: Floats,
-    sharing: Floats,
-    corner: Floats,
-    group: Ints,
-    slope: Floats2,
-    ahead: Floats,
-) -> int:
+def _prepared(lines: Lines, tolerance: Floats, first: int, last: int, begin: float, ahead: Floats) -> int:
     """Compute, for each line of a cluster, the start position, the direction, the tolerance, and the number of its
-    group of consecutive lines with the same direction; `ahead` is workspace.
+    group of consecutive lines with the same direction.
+
+    tolerance  of the joint after each line, m
+    begin      distance from the start of the first line at which the cluster begins, m
+    ahead      workspace, shape (N,)
     """
-    n = len(slope[0])
+    group = lines.group
+    corner = lines.corner
+    n = len(ahead)
     corner[first] = -begin
     for k in range(first, last + 1):
-        corner[k + 1] = corner[k] + length[k]
+        corner[k + 1] = corner[k] + lines.pieces.length[k]
         before = tolerance[k - 1] if k > first else tolerance[k]
         behind = tolerance[k] if k < last else before
-        sharing[k] = _SHARE * min(before, behind)
+        lines.tolerance[k] = _SHARE * min(before, behind)
         turn = 0.0
         for i in range(n):
-            slope[k, i] = shape[k, i, 1] / length[k]
+            slope = line_way(lines.pieces.shape[k], i) / lines.pieces.length[k]
+            lines.slope[k, i] = slope
             # against the line that began the group
-            turn = max(turn, abs(slope[k, i] - ahead[i]))
+            turn = max(turn, abs(slope - ahead[i]))
         group[k] = group[k - 1] if k > first else 0
         if k == first or turn > _STRAIGHT:
             group[k] = group[k] + 1
             for i in range(n):
-                ahead[i] = slope[k, i]
+                ahead[i] = lines.slope[k, i]
     return 0
+
+
+class Boundary(NamedTuple):
+    """The ends of a cluster.
+
+    begin, end  distances from the start of its first line and to the end of its last line, m; with `straight_...` the
+                spline follows the line up to there; with `crossed_...` it ends at a corner where runs overlap, and the
+                fraction CROSSED of the tolerance is reserved for the overlap
+    """
+
+    begin: float
+    end: float
+    straight_begin: bool
+    straight_end: bool
+    crossed_begin: bool
+    crossed_end: bool
+
+
+class Unfinished(NamedTuple):
+    """The spline of a cluster up to a knot from which the next call goes on.
+
+    goals   goals of the steps from there on, of which `many` are used; with 0 of them there is no such spline
+    knots   2 ENDS knots around this one
+    begins  state there, (N,)
+    floor   bound on the distance to each line so far, m
+    """
+
+    many: int
+    goals: Goals
+    knots: Floats
+    begins: Records[State]
+    floor: Floats
+
+
+class Fitted(NamedTuple):
+    """The number of steps of a spline, 0 if there is none, and the number of its goals."""
+
+    steps: int
+    goals: int
+
+
+_NO_FIT = Fitted(0, 0)
 
 
 @kernel
 def fitted(
+    lines: Lines,
+    tolerance: Floats,
     first: int,
     last: int,
-    begin: float,
-    end: float,
-    straight_begin: bool,
-    straight_end: bool,
-    crossed_begin: bool,
-    crossed_end: bool,
+    ends: Boundary,
     most_steps: float,
     fixed: int,
-    many: int,
-    begins: Floats2,
-    length: Floats,
-    shape: Floats3,
-    origin: Floats2,
-    tolerance: Floats,
-    sharing: Floats,
-    corner: Floats,
-    group: Ints,
-    slope: Floats2,
-    floor: Floats,
-    far: Floats,
-    at: Floats,
-    goal: Floats,
-    at_next: Floats,
-    goal_next: Floats,
-    knots: Floats,
-    x: Floats,
-    control: Floats2,
-    segment: Ints,
-    straight: Ints,
-    curved: Ints,
-    state: Floats3,
-    curve: Floats3,
-    room: Floats3,
-) -> tuple[int, int]:
-    """Fit the spline to the lines first .. last, from `begin` m after the start of the first to `end` m before the end
-    of the last.
+    begun: Unfinished,
+    fit: Fit,
+    room: Room,
+) -> Fitted:
+    """Fit the spline to the lines first .. last; return the number of its steps and of the goals, which are in
+    `room.goals`.
 
-    Return the number of steps, 0 on failure, and the number of goal positions.
-
-    begin, end  with `straight_...` the spline follows the line up to there; with `crossed_...` it ends at a corner
-                where runs overlap, and the fraction CROSSED of the tolerance is reserved for the overlap
+    tolerance   tolerance of the joint after each line, m
     most_steps  the longest step is at most the total length divided by this number
-    fixed       number of steps that are already fixed; if not 0, the knots up to there, `many` goal positions from
-                there on, and the state `begins` at the first knot are also inputs
-    corner      u at the start of each line, counted from `begin`, and the end of the last one
-    sharing     tolerance of each line, m: the smaller of the tolerances at its two joints
-    curve       polynomials of the spans after knots; spans with `curved` 0 are straight
-    far         bound on the distance to each line, m; not less than `floor`
+    fixed       number of steps that are already fixed; if not 0, `begun` is an input, and its knots are in `fit`
     """
-    _prepared(first, last, begin, length, shape, tolerance, sharing, corner, group, slope, room[0, 0])
-    total = corner[last + 1] - end
+    corner = lines.corner
+    knots = fit.knots
+    at = room.goals.at
+    goal = room.goals.step
+    at_next = room.more.at
+    goal_next = room.more.step
+    _prepared(lines, tolerance, first, last, ends.begin, room.here)
+    total = corner[last + 1] - ends.end
     largest = min(LARGEST_STEP, total / most_steps)
     if fixed > 0 and total <= knots[ENDS + fixed]:
-        return 0, 0
+        return _NO_FIT
+    many = begun.many
     if fixed == 0:
-        at[0] = 0.0
-        goal[0] = min(largest, corner[first + 1] / _LEAVES) if straight_begin else largest
+        at_next[0] = 0.0
+        goal_next[0] = min(largest, corner[first + 1] / _LEAVES) if ends.straight_begin else largest
         many = 1
-    for m in range(many):
-        at_next[m] = at[m]
-        goal_next[m] = goal[m]
+    else:
+        for m in range(many):
+            at_next[m] = begun.goals.at[m]
+            goal_next[m] = begun.goals.step[m]
     at_next[many] = total
-    goal_next[many] = min(largest, (total - corner[last]) / _LEAVES) if straight_end else largest
+    goal_next[many] = min(largest, (total - corner[last]) / _LEAVES) if ends.straight_end else largest
     new = many + 1
     bounded = False  # True if distances are bounds; sampled ones suffice while those at corners are too large
     for again in range(_ROUNDS):
-        many = envelope(at_next, goal_next, new, at, goal)
-        count = place_knots(
-            at, goal, many, largest, total, fixed, _ENOUGH * (last - first + 2 + int(total / largest)), knots
-        )
+        many = envelope(room.more, new, room.goals)
+        most_count = _ENOUGH * (last - first + 2 + int(total / largest))
+        count = place_knots(room.goals, many, largest, total, fixed, most_count, knots)
         if count == 0:
-            return 0, 0
-        control_points(corner, group, origin, slope, first, last, total, knots, count, x, control, segment, straight)
-        states(knots, count, x, control, segment, straight, slope, state)
+            return _NO_FIT
+        control_points(lines, first, last, total, count, fit)
+        states(lines, count, fit)
         if fixed > 0:
             # bitwise equal to the value in the preceding pieces
-            for i in range(len(begins)):
-                for m in range(1, 4):
-                    state[ENDS, i, m] = begins[i, m]
+            for i in range(len(begun.begins)):
+                fit.state[ENDS, i] = begun.begins[i]._replace(value=fit.state[ENDS, i].value)
         k = first
         for m in range(first, last + 1):
-            far[m] = floor[m]
+            lines.far[m] = begun.floor[m]
         most = 0.0
         # the deviation falls with the square of the step; later rounds overshoot, to end sooner
         careful = 0.95 if again < _ROUNDS // 2 else 0.85
         old = 0
         new = 0
         for e in range(ENDS, ENDS + count):
-            curved[e] = 0
-            if spline_span(e, knots, x, control, segment, straight, slope, state, room[1], room[2], curve[e]):
-                curved[e] = 1
-                share, where, k = deviation(
-                    e,
-                    knots,
-                    curve[e],
-                    corner,
-                    origin,
-                    slope,
-                    sharing,
-                    k,
-                    last,
-                    state,
-                    control,
-                    bounded,
-                    room[3],
-                    room[4],
-                    far,
-                )
+            fit.curved[e] = 0
+            if spline_span(lines, e, fit, room):
+                fit.curved[e] = 1
+                share, where, k = deviation(lines, e, k, last, bounded, fit, room)
                 # nine tenths of the tolerance are for the overlap of the runs in this corner (`CROSSED`)
-                if (e == ENDS and crossed_begin) or (e == ENDS + count - 1 and crossed_end):
+                if (e == ENDS and ends.crossed_begin) or (e == ENDS + count - 1 and ends.crossed_end):
                     share = share / (1.0 - CROSSED)
                 most = max(most, share)
                 if share > 1.0:
@@ -640,27 +672,30 @@ def fitted(
             new = new + 1
             old = old + 1
         # a blend or a line follows: the spline must leave the line only beyond the first control points
-        if straight_begin and straight[4] != straight[0]:
+        if ends.straight_begin and fit.straight[ENDS - 1] != fit.straight[0]:
             most = 2.0
             goal_next[0] = 0.8 * goal_next[0]
-        if straight_end and straight[count] != straight[count + 4]:
+        if ends.straight_end and fit.straight[count] != fit.straight[count + ENDS - 1]:
             most = 2.0
             at_next[new] = total
             goal_next[new] = 0.8 * (total - knots[ENDS + count - 1])
             new = new + 1
         if most <= 1.0 and bounded:
-            return count, many
+            return Fitted(count, many)
         bounded = most <= 1.0
-    return 0, 0
+    return _NO_FIT
 
 
 @kernel
-def carried(e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats, kept: Floats) -> int:
-    """Save the data needed to continue the spline from knot e: write the knots around it to `kept`, and move the goal
-    positions after them to the front of `at` and `goal`; positions are then measured from u.
+def carried(e: int, u: float, many: int, goals: Goals, knots: Floats, begun: Unfinished) -> int:
+    """Save the data needed to continue the spline from knot e in `begun`: the knots around it and the goals after them;
+    positions are then measured from u.
 
-    Return the number of goal positions.
+    Return the number of goals.
     """
+    at = goals.at
+    goal = goals.step
+    kept = begun.knots
     for k in range(2 * ENDS):
         kept[k] = knots[e - ENDS + k] - u
     begin = knots[e + ENDS - 1]
@@ -670,40 +705,32 @@ def carried(e: int, u: float, at: Floats, goal: Floats, many: int, knots: Floats
     step = goal[p] + GRADE * (begin - at[p])
     if p + 1 < many:
         step = min(step, goal[p + 1] + GRADE * (at[p + 1] - begin))
-    at[0] = begin - u
-    goal[0] = step
+    begun.goals.at[0] = begin - u
+    begun.goals.step[0] = step
     count = 1
     # those near the provisional end are omitted: they belong to a stop that does not take place
     while p + 1 < many and at[p + 1] < knots[e + FITTED]:
         p = p + 1
-        at[count] = at[p] - u
-        goal[count] = goal[p]
+        begun.goals.at[count] = at[p] - u
+        begun.goals.step[count] = goal[p]
         count = count + 1
     return count
 
 
+class Joined(NamedTuple):
+    """The pieces of a path, and the number of the run of each."""
+
+    pieces: Pieces
+    runs: Ints
+
+
 @kernel
 def straight_pieces(
-    u0: float,
-    u1: float,
-    first: int,
-    last: int,
-    corner: Floats,
-    origin: Floats2,
-    slope: Floats2,
-    feed: Floats,
-    line: Ints,
-    run: int,
-    count: int,
-    kinds: Ints,
-    lengths: Floats,
-    origins: Floats2,
-    shapes: Floats3,
-    feeds: Floats,
-    lines: Ints,
-    runs: Ints,
+    lines: Lines, first: int, last: int, u0: float, u1: float, run: int, count: int, out: Joined
 ) -> int:
     """Append the straight pieces from u0 to u1, one for each section of equal feed; return the new count."""
+    corner = lines.corner
+    feed = lines.pieces.feed
     k = first
     while k < last and corner[k + 1] <= u0:
         k = k + 1
@@ -713,20 +740,20 @@ def straight_pieces(
         while ends < last and corner[ends + 1] < u1 and feed[ends + 1] == feed[k]:
             ends = ends + 1
         until = u1 if ends == last else min(u1, corner[ends + 1])
-        kinds[count] = 0
-        lengths[count] = until - u
-        for i in range(len(slope[0])):
-            begin = slope[k, i] * (u - corner[k])
-            origins[count, i] = origin[k, i] + begin
-            for m in range(8):
-                shapes[count, i, m] = 0.0
-            way = slope[k, i] * (until - u)
+        out.pieces.kind[count] = 0
+        out.pieces.length[count] = until - u
+        for i in range(len(lines.slope[0])):
+            begin = lines.slope[k, i] * (u - corner[k])
+            out.pieces.origin[count, i] = lines.pieces.origin[k, i] + begin
+            way = lines.slope[k, i] * (until - u)
             if ends != k:
-                way = (origin[ends, i] - origin[k, i]) + (slope[ends, i] * (until - corner[ends]) - begin)
-            shapes[count, i, 1] = way
-        feeds[count] = feed[k]
-        lines[count] = line[k]
-        runs[count] = run
+                way = (lines.pieces.origin[ends, i] - lines.pieces.origin[k, i]) + (
+                    lines.slope[ends, i] * (until - corner[ends]) - begin
+                )
+            put_line(out.pieces.shape[count], i, way)
+        out.pieces.feed[count] = feed[k]
+        out.pieces.line[count] = lines.pieces.line[k]
+        out.runs[count] = run
         count = count + 1
         u = until
         k = min(ends + 1, last)
@@ -735,74 +762,63 @@ def straight_pieces(
 
 @kernel
 def spline_pieces(
-    first: int,
-    last: int,
-    e0: int,
-    e1: int,
-    u: float,
-    corner: Floats,
-    origin: Floats2,
-    slope: Floats2,
-    feed: Floats,
-    line: Ints,
-    knots: Floats,
-    control: Floats2,
-    state: Floats3,
-    curve: Floats3,
-    curved: Ints,
-    run: int,
-    count: int,
-    kinds: Ints,
-    lengths: Floats,
-    origins: Floats2,
-    shapes: Floats3,
-    feeds: Floats,
-    lines: Ints,
-    runs: Ints,
+    lines: Lines, first: int, last: int, e0: int, e1: int, u: float, fit: Fit, run: int, count: int, out: Joined
 ) -> tuple[int, float]:
     """Append the pieces of a cluster from u to the last curved span before knot e1; return the new count and u."""
+    corner = lines.corner
+    knots = fit.knots
     k = first
     for e in range(e0, e1):
-        if curved[e] == 0:
+        if fit.curved[e] == 0:
             continue
         if knots[e] > u:
-            count = straight_pieces(
-                u,
-                knots[e],
-                k,
-                last,
-                corner,
-                origin,
-                slope,
-                feed,
-                line,
-                run,
-                count,
-                kinds,
-                lengths,
-                origins,
-                shapes,
-                feeds,
-                lines,
-                runs,
-            )
+            count = straight_pieces(lines, k, last, u, knots[e], run, count, out)
         u = knots[e + 1]
         while k < last and corner[k + 1] <= knots[e]:
             k = k + 1
-        kinds[count] = 2
-        lengths[count] = u - knots[e]
-        lines[count] = line[k]
-        runs[count] = run
+        out.pieces.kind[count] = 2
+        out.pieces.length[count] = u - knots[e]
+        out.pieces.line[count] = lines.pieces.line[k]
+        out.runs[count] = run
         # a span may cover several lines, and exceeds the feed of none
-        slowest = feed[k]
+        slowest = lines.pieces.feed[k]
         m = k
         while m < last and corner[m + 1] < u:
             m = m + 1
-            slowest = min(slowest, feed[m])
-        feeds[count] = slowest
-        for i in range(len(slope[0])):
-            origins[count, i] = control[e - 3, i] + state[e, i, 0]
+            slowest = min(slowest, lines.pieces.feed[m])
+        out.pieces.feed[count] = slowest
+        for i in range(len(lines.slope[0])):
+            out.pieces.origin[count, i] = fit.control[e - 3, i] + fit.state[e, i].value
             for m in range(8):
-                shapes[count, i, m] = curve[e, i, m]
+                out.pieces.shape[count, i, m] = fit.curve[e, i, m]
         count = count + 1
     return count, u
+
+
+def lines_room(segments: Pieces) -> Lines:
+    """Return room for what `fitted` knows of the lines of a chain."""
+    n, axes = segments.origin.shape
+    return Lines(segments, np.zeros(n + 1), np.zeros(n, np.int64), np.zeros((n, axes)), np.zeros(n + 1), np.zeros(n))
+
+
+def fit_room(knots: int, axes: int) -> Fit:
+    """Return room for a spline with so many knots."""
+    return Fit(
+        np.zeros(knots),
+        np.zeros(knots),
+        np.zeros((knots, axes)),
+        np.zeros(knots, np.int64),
+        np.zeros(knots, np.int64),
+        rows_for(State, knots, axes),
+        np.zeros(knots, np.int64),
+        np.zeros((knots, axes, 8)),
+    )
+
+
+def cluster_room(knots: int, axes: int) -> Room:
+    """Return work arrays for the fit of such a spline."""
+    goals, more = (Goals(np.zeros(knots), np.zeros(knots)) for _ in range(2))
+    a, b = rows_for(State, axes), rows_for(State, axes)
+    piece, rest = np.zeros((axes, 8)), np.zeros((axes, 8))
+    before, behind, here = np.zeros(axes), np.zeros(axes), np.zeros(axes)
+    return Room(goals, more, a, b, piece, rest, before, behind, here)

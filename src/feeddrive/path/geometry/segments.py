@@ -22,8 +22,25 @@ import numpy as np
 
 from feeddrive.language.errors import ProgramError
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, zeros
-from feeddrive.path.motion import ARC, LINE, POLYNOMIAL, Pause, Pieces, derivatives, turned
+from feeddrive.language.kernels.source import Floats, Floats2, Records, rows_for, zeros
+from feeddrive.path.motion import (
+    ARC,
+    LINE,
+    POLYNOMIAL,
+    ArcAxis,
+    Derivatives,
+    Pause,
+    Piece,
+    Pieces,
+    arc_axis,
+    arc_shape,
+    derivatives,
+    line_shapes,
+    line_way,
+    put_arc,
+    put_line,
+    turned,
+)
 from feeddrive.path.program.blocks import AXES, BlockError, Line, located
 from feeddrive.path.program.moves import (
     Arc,
@@ -46,89 +63,121 @@ _SEARCH = 30
 _SAME = 1e-12  # relative to r' .. r''' times the length, next to a spline and between arcs
 
 
-@kernel
-def state_near(kind: int, length: float, shape: Floats2, away: float, at_end: bool, out: Floats2) -> int:
-    """Write r relative to the end or the start of a segment, and r', r'', r''' at the distance `away` from it, into
-    `out`.
+class State(NamedTuple):
+    """A coordinate and its first to third derivative with respect to the path parameter."""
 
-    `out` has the shape (N, 4); a positive `away` points along the path.
+    value: float
+    first: float
+    second: float
+    third: float
+
+
+class BlendRoom(NamedTuple):
+    """Work arrays for a blend of N axes: states at its ends and at the joint, (N,); polynomials of a segment over half
+    of the blend, of a part of this half, of the difference, and of the blend itself, shape (N, 8).
     """
-    if kind == 0:
+
+    a: Records[State]
+    b: Records[State]
+    joint: Records[State]
+    half: Floats2
+    part: Floats2
+    difference: Floats2
+    blended: Floats2
+
+
+class Blend(NamedTuple):
+    """A blend: its length on each segment L, its parameter length B, and a bound on its distance to the segments, m; 0
+    without a blend.
+    """
+
+    length: float
+    span: float
+    deviation: float
+
+
+NO_BLEND = Blend(0.0, 0.0, 0.0)
+
+
+def blend_room(axes: int) -> BlendRoom:
+    """Return work arrays for blends."""
+    return BlendRoom(*(rows_for(State, axes) for _ in range(3)), *(np.zeros((axes, 8)) for _ in range(4)))
+
+
+@kernel
+def state_near(piece: Piece, away: float, at_end: bool, out: Records[State]) -> int:
+    """Write r relative to the end or the start of a segment, and r', r'', r''' at the distance `away` from it, into
+    `out`; a positive `away` points along the path.
+    """
+    shape = piece.shape
+    if piece.kind == 0:
         for i in range(len(shape)):
-            slope = shape[i, 1] / length
-            out[i, 0] = away * slope
-            out[i, 1] = slope
-            out[i, 2] = 0.0
-            out[i, 3] = 0.0
+            slope = line_way(shape, i) / piece.length
+            out[i] = State(away * slope, slope, 0.0, 0.0)
         return 0
-    kappa = shape[0, 3]
-    s0, v0 = turned(kappa * length if at_end else 0.0)
+    kappa = arc_axis(shape, 0).curvature
+    s0, v0 = turned(kappa * piece.length if at_end else 0.0)
     c0 = 1.0 - v0
     s, v = turned(kappa * away)
     c = 1.0 - v
     for i in range(len(shape)):
-        e1 = shape[i, 0] * c0 + shape[i, 1] * s0
-        e2 = shape[i, 1] * c0 - shape[i, 0] * s0
+        axis = arc_axis(shape, i)
+        e1 = axis.E1 * c0 + axis.E2 * s0
+        e2 = axis.E2 * c0 - axis.E1 * s0
         cosine = e2 * c - e1 * s
         sine = e1 * c + e2 * s
-        out[i, 0] = e2 * s - e1 * v + shape[i, 2] * away
-        out[i, 1] = kappa * cosine + shape[i, 2]
-        out[i, 2] = -kappa * kappa * sine
-        out[i, 3] = -kappa * kappa * kappa * cosine
+        out[i] = State(
+            e2 * s - e1 * v + axis.slope * away,
+            kappa * cosine + axis.slope,
+            -kappa * kappa * sine,
+            -kappa * kappa * kappa * cosine,
+        )
     return 0
 
 
 @kernel
-def trimmed(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats2) -> float:
+def trimmed(piece: Piece, x0: float, x1: float, out: Floats2) -> float:
     """Write the part of a segment between x0 and x1 into `out`; return the length of this part."""
     rest = x1 - x0
-    if kind == 0:
-        for i in range(len(shape)):
-            for k in range(8):
-                out[i, k] = 0.0
-            out[i, 1] = shape[i, 1] / length * rest
+    if piece.kind == 0:
+        for i in range(len(out)):
+            put_line(out, i, line_way(piece.shape, i) / piece.length * rest)
         return rest
-    if kind == 2:  # whole
-        for i in range(len(shape)):
+    if piece.kind == 2:  # whole
+        for i in range(len(out)):
             for k in range(8):
-                out[i, k] = shape[i, k]
+                out[i, k] = piece.shape[i, k]
         return rest
-    s, v = turned(shape[0, 3] * x0)
+    s, v = turned(arc_axis(piece.shape, 0).curvature * x0)
     c = 1.0 - v
-    for i in range(len(shape)):
-        for k in range(8):
-            out[i, k] = 0.0
-        out[i, 0] = shape[i, 0] * c + shape[i, 1] * s
-        out[i, 1] = shape[i, 1] * c - shape[i, 0] * s
-        out[i, 2] = shape[i, 2]
-        out[i, 3] = shape[0, 3]
+    for i in range(len(out)):
+        e1, e2, slope, curvature = arc_axis(piece.shape, i)
+        put_arc(out, i, ArcAxis(e1 * c + e2 * s, e2 * c - e1 * s, slope, curvature))
     return rest
 
 
 @kernel
-def hermite(a: Floats2, b: Floats2, length: float, out: Floats2) -> int:
-    """Write the coefficients of the polynomial in ξ = x/length between two states r .. r''' (N, 4) into `out` (N, 8).
+def hermite(a: Records[State], b: Records[State], length: float, out: Floats2) -> int:
+    """Write the coefficients of the polynomial in ξ = x/length between two states into `out` (N, 8).
 
     The coefficients of first to third degree follow from the left state, the others from the residual at the right
     state.
     """
     for i in range(len(a)):
-        c1 = a[i, 1] * length
-        c2 = 0.5 * a[i, 2] * length * length
-        c3 = a[i, 3] * length * length * length / 6.0
+        left = a[i]
+        right = b[i]
+        c1 = left.first * length
+        c2 = 0.5 * left.second * length * length
+        c3 = left.third * length * length * length / 6.0
         # differences of nearby states: in absolute coordinates r''' of pieces of some um would lose seven digits
-        e0 = b[i, 0] - a[i, 0] - c1 - c2 - c3
-        e1 = b[i, 1] * length - c1 - 2.0 * c2 - 3.0 * c3
-        e2 = b[i, 2] * length * length - 2.0 * c2 - 6.0 * c3
-        e3 = b[i, 3] * length * length * length - 6.0 * c3
-        out[i, 0] = 0.0
-        out[i, 1] = c1
-        out[i, 2] = c2
-        out[i, 3] = c3
-        out[i, 4] = 35.0 * e0 - 15.0 * e1 + 2.5 * e2 - e3 / 6.0
-        out[i, 5] = -84.0 * e0 + 39.0 * e1 - 7.0 * e2 + 0.5 * e3
-        out[i, 6] = 70.0 * e0 - 34.0 * e1 + 6.5 * e2 - 0.5 * e3
-        out[i, 7] = -20.0 * e0 + 10.0 * e1 - 2.0 * e2 + e3 / 6.0
+        e0 = right.value - left.value - c1 - c2 - c3
+        e1 = right.first * length - c1 - 2.0 * c2 - 3.0 * c3
+        e2 = right.second * length * length - 2.0 * c2 - 6.0 * c3
+        e3 = right.third * length * length * length - 6.0 * c3
+        c4 = 35.0 * e0 - 15.0 * e1 + 2.5 * e2 - e3 / 6.0
+        c5 = -84.0 * e0 + 39.0 * e1 - 7.0 * e2 + 0.5 * e3
+        c6 = 70.0 * e0 - 34.0 * e1 + 6.5 * e2 - 0.5 * e3
+        out[i] = 0.0, c1, c2, c3, c4, c5, c6, -20.0 * e0 + 10.0 * e1 - 2.0 * e2 + e3 / 6.0
     return 0
 
 
@@ -173,97 +222,73 @@ def largest_norm(c: Floats2) -> float:
 
 
 @kernel
-def blend_at(
-    kind0: int,
-    length0: float,
-    shape0: Floats2,
-    kind1: int,
-    length1: float,
-    shape1: Floats2,
-    L: float,
-    factor: float,
-    a: Floats2,
-    b: Floats2,
-    at: Floats2,
-    half: Floats2,
-    difference: Floats2,
-    out: Floats2,
-) -> float:
-    """Write the blend that starts L before a joint into `out` (N, 8); return a bound on the distance between blend and
-    segments, m.
+def _arc_error(piece: Piece, L: float) -> float:
+    """Bound the distance between the end of a segment of length L and its polynomial of seventh degree."""
+    arc = arc_axis(piece.shape, 0).curvature
+    if piece.kind != 1 or arc <= 0.0:
+        return 0.0
+    radius = 0.0
+    for i in range(len(piece.shape)):
+        e = arc_axis(piece.shape, i).E1
+        radius = radius + e * e
+    angle = 0.5 * arc * L
+    error = angle * angle
+    error = error * error
+    return sqrt(radius) * error * error / 40320.0
+
+
+@kernel
+def _half_apart(side: int, error: float, room: BlendRoom) -> float:
+    """Bound the distance between one half of a blend and the polynomial of its segment in `room.half`, which is within
+    `error` of this segment.
     """
-    n = len(shape0)
-    B = factor * L
-    state_near(kind0, length0, shape0, -L, True, a)
-    state_near(kind1, length1, shape1, L, False, b)
-    hermite(a, b, B, out)
     most = 0.0
-    # each half has its own segment, and both are polynomials of one parameter there, so that they can be subtracted
-    for side in range(2):
-        # the segment over its half of the parameter, as a polynomial of η in 0 .. 1
-        arc = 0.0
-        if side == 0:
-            state_near(kind0, length0, shape0, 0.0, True, at)
-            hermite(a, at, L, half)
-            if kind0 == 1:
-                arc = shape0[0, 3]
-        else:
-            state_near(kind1, length1, shape1, 0.0, False, at)
-            hermite(at, b, L, half)
-            if kind1 == 1:
-                arc = shape1[0, 3]
-        radius = 0.0
-        for i in range(n):
-            e = shape0[i, 0] if side == 0 else shape1[i, 0]
-            radius = radius + e * e
-        error = 0.0
-        if arc > 0.0:
-            angle = 0.5 * arc * L
-            error = angle * angle
-            error = error * error
-            error = sqrt(radius) * error * error / 40320.0
-        # r relative to the joint: the polynomials above omit their constant term
-        for part in range(_PARTS):
-            size = 1.0 / _PARTS
-            for i in range(n):
-                start = a[i, 0] if side == 0 else 0.0
-                part_of(half[i], part * size, size, at[i])
-                at[i, 0] = at[i, 0] + start
-                part_of(out[i], 0.5 * side + 0.5 * part * size, 0.5 * size, difference[i])
-                difference[i, 0] = difference[i, 0] + a[i, 0]
-                for k in range(8):
-                    difference[i, k] = difference[i, k] - at[i, k]
-            most = max(most, largest_norm(difference) + error)
+    # r relative to the joint: the polynomials omit their constant term
+    for part in range(_PARTS):
+        size = 1.0 / _PARTS
+        for i in range(len(room.half)):
+            start = room.a[i].value
+            of_segment = room.part[i]
+            difference = room.difference[i]
+            part_of(room.half[i], part * size, size, of_segment)
+            of_segment[0] = of_segment[0] + (start if side == 0 else 0.0)
+            part_of(room.blended[i], 0.5 * side + 0.5 * part * size, 0.5 * size, difference)
+            difference[0] = difference[0] + start
+            for k in range(8):
+                difference[k] = difference[k] - of_segment[k]
+        most = max(most, largest_norm(room.difference) + error)
     return most
 
 
 @kernel
+def blend_at(one: Piece, two: Piece, L: float, factor: float, room: BlendRoom) -> float:
+    """Write the blend that starts L before a joint into `room.blended`; return a bound on its distance to the
+    segments, m.
+    """
+    state_near(one, -L, True, room.a)
+    state_near(two, L, False, room.b)
+    hermite(room.a, room.b, factor * L, room.blended)
+    # each half has its own segment, and both are polynomials of one parameter there, so that they can be subtracted
+    state_near(one, 0.0, True, room.joint)
+    hermite(room.a, room.joint, L, room.half)
+    most = _half_apart(0, _arc_error(one, L), room)
+    state_near(two, 0.0, False, room.joint)
+    hermite(room.joint, room.b, L, room.half)
+    return max(most, _half_apart(1, _arc_error(two, L), room))
+
+
+@kernel
 def blend(
-    kind0: int,
-    length0: float,
-    shape0: Floats2,
-    kind1: int,
-    length1: float,
-    shape1: Floats2,
-    cosine: float,
-    longest: float,
-    tolerance: float,
-    straight: bool,
-    a: Floats2,
-    b: Floats2,
-    at: Floats2,
-    half: Floats2,
-    difference: Floats2,
-    out: Floats2,
-) -> tuple[float, float, float]:
-    """Find the longest blend up to `longest` that provably stays within `tolerance`; return L, B and the bound on the
-    distance between blend and segments, or zeros if there is none.
+    one: Piece, two: Piece, cosine: float, longest: float, tolerance: float, straight: bool, room: BlendRoom
+) -> Blend:
+    """Find the longest blend up to `longest` that provably stays within `tolerance`; it is written into
+    `room.blended`.
     """
     factor = 1.4 + 0.3 * (1.0 + cosine)
     away = longest
-    most = blend_at(kind0, length0, shape0, kind1, length1, shape1, away, factor, a, b, at, half, difference, out)
+    most = blend_at(one, two, away, factor, room)
     if most <= tolerance:
-        return away, factor * away, most
+        return Blend(away, factor * away, most)
     low = 0.0
     high = away
     for _ in range(_SEARCH):
@@ -273,7 +298,7 @@ def blend(
         if guess <= low or guess >= high:
             guess = 0.5 * (low + high)
         away = guess
-        most = blend_at(kind0, length0, shape0, kind1, length1, shape1, away, factor, a, b, at, half, difference, out)
+        most = blend_at(one, two, away, factor, room)
         if most <= tolerance:
             low = away
             # close enough: of a blend for a jump of curvature alone, 5 % less length would halve the speed
@@ -284,29 +309,42 @@ def blend(
         if high - low <= 1e-4 * high:
             break
     if low == 0.0:
-        return 0.0, 0.0, 0.0
+        return NO_BLEND
     if low != away:
         away = low
-        most = blend_at(kind0, length0, shape0, kind1, length1, shape1, away, factor, a, b, at, half, difference, out)
-    return away, factor * away, most
+        most = blend_at(one, two, away, factor, room)
+    return Blend(away, factor * away, most)
 
 
 @kernel
-def goes_on(k: int, kind: Ints, length: Floats, shape: Floats3, a: Floats2, b: Floats2) -> bool:
-    """Return True if r' .. r''' agree on both sides of the joint after segment k, up to rounding."""
-    derivatives(kind[k], length[k], shape[k], length[k], a)
-    derivatives(kind[k + 1], length[k + 1], shape[k + 1], 0.0, b)
-    scale = 1.0
-    for m in range(1, 4):
-        size = 0.0
-        apart = 0.0
-        for i in range(len(a)):
-            size = max(size, abs(a[i, m]))
-            apart = max(apart, abs(a[i, m] - b[i, m]))
-        if apart * scale > _SAME * (1.0 + size * scale):
-            return False
-        scale = scale * length[k]
-    return True
+def _agree(size: float, apart: float, scale: float) -> bool:
+    """Return True if two derivatives are the same up to rounding; `scale` is the length to the power of their order
+    less 1.
+    """
+    return apart * scale <= _SAME * (1.0 + size * scale)
+
+
+@kernel
+def goes_on(one: Piece, two: Piece, a: Records[Derivatives], b: Records[Derivatives]) -> bool:
+    """Return True if r' .. r''' agree on both sides of the joint of two segments, up to rounding."""
+    derivatives(one.kind, one.length, one.shape, one.length, a)
+    derivatives(two.kind, two.length, two.shape, 0.0, b)
+    size1 = size2 = size3 = 0.0
+    apart1 = apart2 = apart3 = 0.0
+    for i in range(len(a)):
+        _, a1, a2, a3, _ = a[i]
+        _, b1, b2, b3, _ = b[i]
+        size1 = max(size1, abs(a1))
+        size2 = max(size2, abs(a2))
+        size3 = max(size3, abs(a3))
+        apart1 = max(apart1, abs(a1 - b1))
+        apart2 = max(apart2, abs(a2 - b2))
+        apart3 = max(apart3, abs(a3 - b3))
+    return (
+        _agree(size1, apart1, 1.0)
+        and _agree(size2, apart2, one.length)
+        and _agree(size3, apart3, one.length * one.length)
+    )
 
 
 _LETTERS = AXES.upper()
@@ -362,8 +400,7 @@ class _Collected:
         count = len(self.rows) - (0 if ends else 1)
         kind, length, start, way, feed, line, modes, tolerances, _ = zip(*self.rows, strict=True)
         origin = np.array(start[:count])
-        shape = np.zeros((*origin.shape, 8))
-        shape[:, :, 1] = way[:count]
+        shape = line_shapes(np.array(way[:count]))
         for k, row in enumerate(self.rows[:count]):
             if row.shape is not None:
                 shape[k] = row.shape
@@ -391,7 +428,7 @@ class _Feeds:
         if isinstance(move, Straight) and move.traverse:
             return math.inf
         counted, others = (_COUNTED[0], False) if self._one else _counted(move)
-        feed = self.feed.angular if counted == _COUNTED[2] else self.feed.linear
+        feed = self.feed.angular if counted == _COUNTED[-1] else self.feed.linear
         if self.feed.per_turn:
             if not self.turns:
                 raise _refused(
@@ -477,15 +514,16 @@ def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, toler
     """
     start = [move.start[column] for column in columns]
     shape = np.zeros((len(columns), 8))
-    shape[:, 1:4] = _bezier([[point[column] for column in columns] for point in (move.start, *move.points, move.end)])
-    bent = 2.0 * max(float(np.linalg.norm(shape[:, 2])), float(np.linalg.norm(shape[:, 2] + 3.0 * shape[:, 3])))
+    curve = _bezier([[point[column] for column in columns] for point in (move.start, *move.points, move.end)])
+    shape[:, 1:4] = np.stack(curve, axis=1)
+    bent = 2.0 * max(float(np.linalg.norm(curve.second)), float(np.linalg.norm(curve.second + 3.0 * curve.third)))
     near = _CHORDS * tolerance
     count = max(1, math.ceil(math.sqrt(bent / (8.0 * near)))) if near else _CUTS
     number, here, piece = move.source.number, np.zeros(len(columns)), np.zeros_like(shape)
     # an estimate suffices: the length only scales the parameter, and |r'| need not be 1
-    whole = float(np.sum(np.linalg.norm(np.diff([_at(shape, k / 64.0) for k in range(65)], axis=0), axis=1)))
+    whole = float(np.sum(np.linalg.norm(np.diff([_at(curve, k / 64.0) for k in range(65)], axis=0), axis=1)))
     for k in range(count):
-        there = _at(shape, (k + 1) / count)
+        there = _at(curve, (k + 1) / count)
         way = (there - here).tolist()
         if near:
             length = math.hypot(*way)
@@ -497,23 +535,31 @@ def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, toler
             for of, into in zip(shape, piece, strict=True):
                 part_of.python(of, k / count, 1.0 / count, into)
             origin = [coordinate + float(row[0]) for coordinate, row in zip(start, piece, strict=True)]
-            piece[:, 0] = 0.0
+            piece.T[0] = 0.0
             yield _Segment(POLYNOMIAL, whole / count, origin, way, speed, number, mode, tolerance, piece.copy())
         here = there
 
 
-def _bezier(points: Sequence[Sequence[float]]) -> np.ndarray:
-    """Return the coefficients of first to third degree of a Bezier curve of three or four points, relative to its
-    start.
-    """
-    at = np.array(points) - np.array(points[0])
-    if len(at) == 3:
-        return np.stack([2.0 * at[1], at[2] - 2.0 * at[1], np.zeros_like(at[0])], axis=1)
-    return np.stack([3.0 * at[1], 3.0 * (at[2] - 2.0 * at[1]), at[3] - 3.0 * (at[2] - at[1])], axis=1)
+class _Bezier(NamedTuple):
+    """The coefficients of first to third degree of a Bezier curve, relative to its start, shape (N,)."""
+
+    first: np.ndarray
+    second: np.ndarray
+    third: np.ndarray
 
 
-def _at(shape: np.ndarray, x: float) -> np.ndarray:
-    return x * (shape[:, 1] + x * (shape[:, 2] + x * shape[:, 3]))
+def _bezier(points: Sequence[Sequence[float]]) -> _Bezier:
+    """Return the coefficients of a Bezier curve of three or four points."""
+    start, *others = (np.array(point) for point in points)
+    one, two, *rest = (point - start for point in others)
+    if not rest:
+        return _Bezier(2.0 * one, two - 2.0 * one, np.zeros_like(start))
+    (three,) = rest
+    return _Bezier(3.0 * one, 3.0 * (two - 2.0 * one), three - 3.0 * (two - one))
+
+
+def _at(curve: _Bezier, x: float) -> np.ndarray:
+    return x * (curve.first + x * (curve.second + x * curve.third))
 
 
 def _counted(move: Going) -> tuple[tuple[int, ...], bool]:
@@ -534,22 +580,20 @@ def _length(move: Going, axes: tuple[int, ...]) -> float:
 
 def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]) -> tuple[float, np.ndarray]:
     """Return the length and shape of an arc, as in `Pieces`."""
-    shape = np.zeros((len(columns), 8))
+    E1, E2 = np.zeros(len(columns)), np.zeros(len(columns))
     angle = move.angle
     first, second = (columns.index(axis) for axis in move.axes[:2])
-    x, y = start[first] - move.center[0], start[second] - move.center[1]
+    x, y = (start[axis] - center for axis, center in zip((first, second), move.center, strict=True))
     sense = math.copysign(1.0, angle)
-    shape[[first, second], 0] = x, y
-    shape[[first, second], 1] = -sense * y, sense * x
+    E1[[first, second]] = x, y
+    E2[[first, second]] = -sense * y, sense * x
     # 1 - cos without cancellation
     s, versine = math.sin(abs(angle)), 2.0 * math.sin(0.5 * angle) ** 2
     # programs round the end of an arc: its distance from the circle is spread linearly, as are the other axes
-    drift = np.array(way) - (shape[:, 1] * s - shape[:, 0] * versine)
+    drift = np.array(way) - (E2 * s - E1 * versine)
     straight = np.delete(drift, [first, second])
     length = math.hypot(math.hypot(x, y) * abs(angle), float(np.linalg.norm(straight)))
-    shape[:, 2] = drift / length
-    shape[:, 3] = abs(angle) / length
-    return length, shape
+    return length, arc_shape(E1, E2, drift / length, abs(angle) / length)
 
 
 def _refused(line: Line, reason: str) -> ProgramError:

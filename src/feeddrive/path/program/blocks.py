@@ -527,11 +527,15 @@ G_CODES: dict[int, Code] = {
     **_codes(Step.DWELL, {4: "dwell of P seconds"}, "non-modal"),
     **_codes(Step.PLANE, {17: "plane XY", 18: "plane ZX", 19: "plane YZ"}),
     **_codes(Step.UNITS, {20: "inch", 21: "mm"}),
-    **_codes(Step.CUTTER, {40: "cutter compensation off"}),
     **_codes(
         Step.CUTTER,
-        {41: "cutter compensation left", 41.1: "the same, D", 42: "right", 42.1: "the same, D"},
-        native=False,
+        {
+            40: "radius compensation off",
+            41: "radius compensation left",
+            41.1: "left, D a diameter",
+            42: "radius compensation right",
+            42.1: "right, D a diameter",
+        },
     ),
     **_codes(
         Step.TOOL_LENGTH, {43: "tool offset of the table", 43.1: "tool offset of the words", 43.2: "added", 49: "off"}
@@ -565,14 +569,14 @@ G_CODES: dict[int, Code] = {
     ),
     **_codes(Step.MOTION, {74: "tap left-hand, dwell", 84: "tap right-hand, dwell", 85: "bore, feed out"}),
     **_codes(Step.MOTION, {86: "bore, stop, traverse out", 89: "bore, dwell, feed out"}),
+    **_codes(Step.MOTION, {33.1: "rigid tapping"}, native=False),
+    **_codes(Step.MOTION, {38.2: "probe", 38.3: "probe", 38.4: "probe away", 38.5: "probe away"}),
+    **_codes(Step.MOTION, {5.2: "NURBS with L, P", 5.3: "end of G5.2", 6.2: "NURBS with P, K, R"}),
     **_codes(
-        Step.MOTION, {33.1: "rigid tapping", 38.2: "probe", 38.3: "probe", 38.4: "probe", 38.5: "probe"}, native=False
+        Step.MOTION, {70: "lathe cycle", 71: "lathe cycle", 71.1: "lathe cycle", 71.2: "lathe cycle"}, native=False
     ),
-    **_codes(
-        Step.MOTION,
-        {5.2: "NURBS", 5.3: "NURBS end", 76: "thread", 87: "back bore", 88: "bore, manual out"},
-        native=False,
-    ),
+    **_codes(Step.MOTION, {72: "lathe cycle", 72.1: "lathe cycle", 72.2: "lathe cycle"}, native=False),
+    **_codes(Step.MOTION, {76: "thread", 87: "back bore", 88: "bore, manual out"}, native=False),
     **_codes(Step.DISTANCE, {7: "lathe diameter", 8: "lathe radius"}, "lathe", native=False),
     **_codes(Step.SPINDLE_SPEED, {96: "constant surface speed"}, "spindle mode", native=False),
     **_codes(Step.SPINDLE_SPEED, {97: "spindle speed in rpm"}, "spindle mode"),
@@ -582,7 +586,7 @@ G_CODES: dict[int, Code] = {
 M_CODES: dict[int, Code] = {
     **_codes(Step.OUTPUT, {62: "output on", 63: "output off", 64: "output on", 65: "output off"}),
     **_codes(Step.OUTPUT, {67: "analog output", 68: "analog output"}),
-    **_codes(Step.OUTPUT, {66: "wait for an input"}, native=False),
+    **_codes(Step.OUTPUT, {66: "wait for an input"}),
     **_codes(Step.TOOL_CHANGE, {6: "change tool", 61: "set tool number"}),
     **_codes(Step.SPINDLE, {3: "spindle clockwise", 4: "spindle counterclockwise", 5: "spindle stop"}),
     **_codes(Step.SPINDLE, {19: "orient the spindle"}, native=False),
@@ -598,15 +602,8 @@ M_CODES: dict[int, Code] = {
 }
 
 REFUSED: dict[str, str] = {
-    "G5.2": "the interpreter of LinuxCNC prints no points of a NURBS: use G5 or G5.1",
-    "G5.3": "the interpreter of LinuxCNC prints no points of a NURBS: use G5 or G5.1",
     "G33.1": "rigid tapping follows the real spindle: take it out of what is planned",
     **dict.fromkeys(("M98", "M99"), "subprograms are o-words here: o100 sub .. o100 endsub, and o100 call"),
-    "M66": "what an input reads is not known before: take it out of what is planned",
-    **dict.fromkeys(
-        ("G38.2", "G38.3", "G38.4", "G38.5"),
-        "where a probe touches is not known before: take it out of what is planned",
-    ),
 }
 """The codes that neither front end supports, with the reason."""
 
@@ -621,10 +618,10 @@ LARGEST = 1e9
 """The largest magnitude of a word, in the unit of the word."""
 RS274 = "the own reader has no {}: LinuxCNC's interpreter rs274 reads it, which comes with the package linuxcnc-uspace"
 
-_PLAIN = re.compile(r"(?:[a-mp-z@^][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))+")
-_WORDS = re.compile(r"([a-mp-z@^])([+-]?[0-9.]+)")
+_PLAIN = re.compile(r"(?:[a-mp-z@^$][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))+")
+_WORDS = re.compile(r"([a-mp-z@^$])([+-]?[0-9.]+)")
 _NUMBERED = re.compile(r"n([0-9]+(?:\.[0-9]+)?)")
-_LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^")
+_LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^$")
 
 
 class Block:

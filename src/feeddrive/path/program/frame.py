@@ -13,7 +13,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.path.program import moves
 from feeddrive.path.program.blocks import AXES, BlockError, Line, located
 from feeddrive.path.program.motion import PLANES
-from feeddrive.path.program.moves import Arc, Command, Move, Point
+from feeddrive.path.program.moves import Arc, Command, Move, Point, sweep
 from feeddrive.path.program.state import LINEAR, rotated
 
 Travel = Mapping[str, tuple[float, float] | None]
@@ -22,6 +22,9 @@ FARTHEST = 1e6
 """The largest magnitude of a coordinate, m or rad."""
 ROUNDING = 1e-9
 """The distance by which a coordinate may exceed the travel, m or rad: the rounding of 15 digits at `FARTHEST`."""
+
+TILTED = 1e-7
+"""The largest distance of the curves that stand for an arc in a plane rotated by G10 R from this arc, m."""
 
 _ZERO = (0.0,) * 9
 _CANON_PLANES = {"CANON_PLANE_XY": PLANES[170], "CANON_PLANE_XZ": PLANES[180], "CANON_PLANE_YZ": PLANES[190]}
@@ -32,6 +35,8 @@ _SILENT = {
     "ON_RESET",
     "SET_FEED_REFERENCE",
     "START_CHANGE",
+    "TURN_PROBE_ON",
+    "TURN_PROBE_OFF",
     "SET_TOOL_TABLE_ENTRY",
     "SET_SPINDLE_MODE",
 }
@@ -57,6 +62,14 @@ def _travel_by_axis(axes: Travel) -> list[tuple[float, float] | None]:
     return [axes.get(letter.upper(), axes.get(letter)) for letter in AXES]
 
 
+def _unit(axis: int, rotation: float) -> list[float]:
+    """Return the direction of an axis of the program in machine coordinates, for a rotation about Z in degrees."""
+    unit = [0.0] * 9
+    unit[axis] = 1.0
+    unit[0], unit[1] = rotated(unit[0], unit[1], rotation)
+    return unit
+
+
 class Frame:
     """The converter of commands to moves, with units, plane, offsets and the machine's position as its state.
 
@@ -78,11 +91,12 @@ class Frame:
         self._per_turn = False
         self._speed, self._direction = 0.0, 0
         self._selected = 0
-        self._makers: dict[str, Callable[[Command], Move | None]] = {
+        self._makers: dict[str, Callable[[Command], Move | list[Move] | None]] = {
             "STRAIGHT_FEED": self._feed_to,
             "STRAIGHT_TRAVERSE": self._traverse_to,
             "ARC_FEED": self._arc,
             "NURBS_FEED": self._spline,
+            "BEZIER_FEED": self._bezier,
             "DWELL": lambda c: moves.Dwell(c.line, float(c.values[0])),
             "SET_MOTION_CONTROL_MODE": self._path_mode,
             "SET_NAIVECAM_TOLERANCE": self._naive,
@@ -104,9 +118,12 @@ class Frame:
             "CHANGE_TOOL": lambda c: moves.ToolChange(c.line, self._selected),
             "CHANGE_TOOL_NUMBER": lambda c: moves.ToolChange(c.line, int(float(c.values[0]))),
             "MESSAGE": lambda c: moves.Message(c.line, str(c.values[0])),
+            "IGNORED": lambda c: moves.Ignored(c.line, str(c.values[0])),
             "PRINT": lambda c: moves.Message(c.line, str(c.values[0])),
             "PROGRAM_STOP": lambda c: moves.Stop(c.line, False),
             "OPTIONAL_PROGRAM_STOP": lambda c: moves.Stop(c.line, True),
+            "STRAIGHT_PROBE": self._probe,
+            "WAIT": lambda c: moves.Wait(c.line, False),
             "PROGRAM_END": lambda c: moves.End(c.line),
             "FINISH": lambda c: moves.End(c.line),
         }
@@ -120,7 +137,9 @@ class Frame:
                 move = maker(command) if maker else self._other(command)
             except BlockError as fault:
                 raise located(command.line, fault) from None
-            if move is not None:
+            if isinstance(move, list):
+                yield from move
+            elif move is not None:
                 yield move
 
     # coordinates
@@ -186,6 +205,10 @@ class Frame:
     def _traverse_to(self, command: Command) -> Move | None:
         return self._straight(command, True)
 
+    def _probe(self, command: Command) -> list[Move]:
+        move, stop = self._straight(command, False), moves.Probe(command.line, False)
+        return [stop, *([] if move is None else [move]), stop]
+
     def _straight(self, command: Command, traverse: bool) -> Move | None:
         start, end = self._here, self._machine(cast("Point", command.values))
         if end == start:
@@ -194,7 +217,7 @@ class Frame:
         self._here = end
         return moves.Straight(command.line, start, end, traverse)
 
-    def _arc(self, command: Command) -> Move:
+    def _arc(self, command: Command) -> Move | list[Move]:
         numbers = [float(value) for value in command.values]
         first, second, across = self._plane
         program = list(_ZERO)
@@ -202,16 +225,66 @@ class Frame:
         program[3 : 3 + len(numbers) - 6] = numbers[6:]
         middle = list(program)
         middle[first], middle[second] = numbers[2], numbers[3]
-        # rotated about Z it would lie in none of the three planes
-        if self._rotation and across != 2:
-            raise BlockError("an arc outside of the plane XY cannot be rotated by G10 R: set R to 0", "G")
         start, end, center = self._here, self._machine(tuple(program)), self._machine(tuple(middle))
-        arc = Arc(command.line, start, end, self._plane, (center[first], center[second]), int(numbers[4]))
+        turns = int(numbers[4])
+        if self._rotation and across != 2:
+            # rotated about Z it lies in one of the three planes after quarters of a turn only
+            quarters = round(self._rotation / 90.0)
+            if self._rotation != 90.0 * quarters:
+                return self._tilted(command.line, end, center, turns)
+            c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters % 4]
+            if s:
+                first, second, across = PLANES[190] if across == 1 else PLANES[180]
+            # the normal, seen from which the arc turns, may have become that of the other side
+            turns *= c + s if self._plane[2] == 0 else c - s
+        arc = Arc(command.line, start, end, (first, second, across), (center[first], center[second]), turns)
         self._check(start, end)
         if self._travel is not None:
             self._check_extremes(arc)
         self._here = end
         return arc
+
+    def _tilted(self, line: Line, end: Point, center: Point, turns: int) -> list[Move]:
+        """Return an arc whose plane lies along none of the axes as Bezier curves within `TILTED`.
+
+            r(θ) = center + u cos θ + v sin θ + (θ/φ) drift      drift: along the normal, of other axes, of the radius
+
+        A cubic Hermite curve over the angle Δ is within |r''''| Δ⁴/384 = R Δ⁴/384 of it; the drift is exact.
+        """
+        start = self._here
+        first, second, across = (_unit(axis, self._rotation) for axis in self._plane)
+        center = tuple(s if axis > 2 else c for axis, (s, c) in enumerate(zip(start, center, strict=True)))
+        # the start lies at the level of the center, and the end anywhere along the normal
+        level = sum(n * (s - c) for n, s, c in zip(across, start, center, strict=False))
+        center = tuple(c + level * n for c, n in zip(center, across, strict=True))
+        sides = [
+            tuple(sum(e * (p - c) for e, p, c in zip(unit, point, center, strict=False)) for unit in (first, second))
+            for point in (start, end)
+        ]
+        (x, y), (far, high) = sides
+        angle = sweep((x, y), (far, high), (0.0, 0.0), turns)
+        u = [x * a + y * b for a, b in zip(first, second, strict=True)]
+        v = [x * b - y * a for a, b in zip(first, second, strict=True)]
+        c, s = math.cos(angle), math.sin(angle)
+        drift = [e - m - c * a - s * b for e, m, a, b in zip(end, center, u, v, strict=True)]
+        count = max(1, math.ceil(abs(angle) * (math.hypot(x, y) / (384.0 * TILTED)) ** 0.25))
+
+        def state(k: int) -> tuple[list[float], list[float]]:
+            c, s = math.cos(angle * k / count), math.sin(angle * k / count)
+            at = [m + c * a + s * b + k / count * d for m, a, b, d in zip(center, u, v, drift, strict=True)]
+            third = angle / (3.0 * count)
+            return at, [third * (c * b - s * a) + d / (3.0 * count) for a, b, d in zip(u, v, drift, strict=True)]
+
+        curves: list[Move] = []
+        at, slope = state(0)
+        for k in range(1, count + 1):
+            to, behind = state(k)
+            if k == count:
+                to = list(end)
+            points = [[p + t for p, t in zip(at, slope, strict=True)], [p - t for p, t in zip(to, behind, strict=True)]]
+            curves.append(self._through(line, [tuple(point) for point in (*points, to)]))
+            at, slope = to, behind
+        return curves
 
     def _check_extremes(self, arc: Arc) -> None:
         """Check that an arc's extreme points on both axes of its plane lie within the travel."""
@@ -231,13 +304,21 @@ class Frame:
             raise BlockError("the interpreter of LinuxCNC prints no points of a spline: use the own reader", "G5")
         here = self._program_here()
         points = [self._machine((x, y, *here[2:])) for x, y in zip(values[::2], values[1::2], strict=True)]
+        return self._through(command.line, points)
+
+    def _bezier(self, command: Command) -> Move:
+        values = cast("tuple[float, ...]", command.values)
+        return self._through(command.line, [self._machine(values[k : k + 9]) for k in range(0, len(values), 9)])
+
+    def _through(self, line: Line, points: list[Point]) -> Move:
+        """Return the Bezier curve from here with these control points; refuse one that leaves the travel."""
         start = self._here
-        spline = moves.Spline(command.line, start, points[-1], tuple(points[:-1]))
+        spline = moves.Spline(line, start, points[-1], tuple(points[:-1]))
         # control points lie beside the curve: they may lie outside the travel
         for point in points:
             self._check(start, point, travel=point is points[-1])
-        for axis in (0, 1):
-            for value in spline.turns(axis):
+        for axis in range(9):
+            for value in spline.turns(axis) if self._travel and self._travel[axis] else ():
                 self._check_travel(axis, value)
         self._here = points[-1]
         return spline
@@ -290,6 +371,12 @@ class Frame:
         )
 
     def _spindle(self, command: Command) -> Move:
+        number = int(float(command.values[0]))
+        if number > 0:
+            # another spindle than that of the feed per turn
+            on = {"START_SPINDLE_CLOCKWISE": 1.0, "START_SPINDLE_COUNTERCLOCKWISE": -1.0}.get(command.name, 0.0)
+            what = "speed of spindle" if command.name == "SET_SPINDLE_SPEED" else "spindle"
+            return moves.Switch(command.line, f"{what} {number}", float(command.values[-1]) if "speed" in what else on)
         if command.name == "SET_SPINDLE_SPEED":
             self._speed = float(command.values[-1])
         else:

@@ -8,19 +8,22 @@ position of its subroutine.
 """
 
 import re
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import Block, BlockError, Line, LineReader, Parameters, Place, Step, Values
-from feeddrive.path.program.motion import MOVING, Motion, emit_path_mode
+from feeddrive.path.program.compensation import Compensation
+from feeddrive.path.program.dialects import DIALECTS, DialectName, Rewritten
+from feeddrive.path.program.motion import CURVE, MOVING, PLANES, Motion, emit_path_mode
 from feeddrive.path.program.moves import Command, Value
 from feeddrive.path.program.state import (
     BY_CODE,
     G92,
     G92_ON,
+    READ_INPUT,
     SYSTEM,
     SYSTEMS,
     Emit,
@@ -270,12 +273,13 @@ class Flow:
                 reader.go(start)
                 return
 
-    def _endsub(self, label: str, arguments: list[float]) -> None:
-        self._return(label, arguments)
-
     def _return(self, label: str, arguments: list[float]) -> None:
+        # as in LinuxCNC its number may be any: that of the condition around it, say
+        self._endsub(label, arguments, True)
+
+    def _endsub(self, label: str, arguments: list[float], anywhere: bool = False) -> None:
         frame = self._frames[-1]
-        if frame.label != label or len(self._frames) == 1:
+        if (frame.label != label and not anywhere) or len(self._frames) == 1:
             running = f"o{frame.label} runs" if len(self._frames) > 1 else "none runs"
             raise BlockError(f"this ends the subroutine o{label}, but {running}: o{label} sub stands where?", "o", 0)
         self._value, self._returned = (arguments[0], 1.0) if arguments else (0.0, 0.0)
@@ -416,9 +420,18 @@ _SWITCHED = {500: "FEED_OVERRIDE", 510: "SPEED_OVERRIDE", 520: "ADAPTIVE_FEED", 
 class Switches:
     """The executor of the codes that move no axis; `ended` is True once the program has ended."""
 
-    def __init__(self, state: State, emit: Emit, tools: dict[int, Tool] | None) -> None:
+    def __init__(
+        self,
+        state: State,
+        emit: Emit,
+        tools: dict[int, Tool] | None,
+        line: Callable[[], Line],
+        write: Callable[[Command], None],
+    ) -> None:
         self._state, self._emit, self._tools = state, emit, tools
+        self._line, self._write = line, write
         self.ended = False
+        self.chosen = 0  # spindle of the block ($)
         self._acts: dict[Step, Callable[[int, Block], None]] = {
             Step.OUTPUT: self._output,
             Step.TOOL_CHANGE: self._change_tool,
@@ -429,7 +442,7 @@ class Switches:
             Step.DWELL: self._dwell,
             Step.PLANE: self._plane,
             Step.UNITS: self._units,
-            Step.CUTTER: self._no_cutter,
+            Step.CUTTER: self._cutter,
             Step.TOOL_LENGTH: self._tool_length,
             Step.SYSTEM: self._system,
             Step.PATH_MODE: self._path_mode,
@@ -455,8 +468,9 @@ class Switches:
         """Execute S: set the spindle speed in rpm."""
         if speed < 0:
             raise BlockError(f"a spindle speed is not negative: S{number(speed, 6)}; M4 turns counterclockwise", "S")
-        self._state.speed = speed
-        self._emit("SET_SPINDLE_SPEED", 0, speed)
+        if self.chosen <= 0:
+            self._state.speed = speed
+        self._emit("SET_SPINDLE_SPEED", self.chosen, speed)
 
     def select(self, tool: int) -> None:
         """Execute T: select the tool for the next change."""
@@ -505,6 +519,9 @@ class Switches:
 
     def _output(self, code: int, block: Block) -> None:
         name = blocks.name_of("m", code)
+        if code == 660:
+            self._wait(block, name)
+            return
         if code in _OUTPUTS:
             self._emit(_OUTPUTS[code], block.whole("p", name, 0, 63))
             return
@@ -512,12 +529,31 @@ class Switches:
         assert value is not None
         self._emit("SET_MOTION_OUTPUT_VALUE" if code == 670 else "SET_AUX_OUTPUT_VALUE", number, value)
 
+    def _wait(self, block: Block, name: str) -> None:
+        """Execute M66: wait for a digital input P or read an analog input E; L the way, Q the longest time."""
+        digital, analog = block.take("p"), block.take("e")
+        if (digital is None) == (analog is None):
+            raise BlockError("M66 has either P or E, the number of an input: write one of them", name)
+        block.whole("l", name, 0, 4, 0)
+        block.take("q")
+
+        def unknown() -> float:
+            raise BlockError(
+                "what an input reads (#5399, after M66) is not known before: take it out of the program", "#"
+            )
+
+        self._state.parameters.live[READ_INPUT] = unknown
+        self._emit("WAIT")
+
     def _change_tool(self, code: int, block: Block) -> None:
         state, emit = self._state, self._emit
         if code == 610:
             state.tool = block.whole("q", "M61", 0, 99999)
             emit("CHANGE_TOOL_NUMBER", state.tool)
             return
+        if state.leaving:
+            # a changer stands for the machine's own position, as in LinuxCNC
+            state.position, state.leaving = state.leaving, None
         emit("START_CHANGE")
         emit("STOP_SPINDLE_TURNING", 0)
         state.spindle = 0
@@ -525,15 +561,66 @@ class Switches:
         emit("CHANGE_TOOL", state.tool)
 
     def _spindle(self, code: int, block: Block) -> None:
-        self._state.spindle = {30: 1, 40: -1, 50: 0}[code]
+        # -1 stands for all spindles
+        if self.chosen <= 0:
+            self._state.spindle = {30: 1, 40: -1, 50: 0}[code]
         names = {30: "START_SPINDLE_CLOCKWISE", 40: "START_SPINDLE_COUNTERCLOCKWISE", 50: "STOP_SPINDLE_TURNING"}
-        self._emit(names[code], 0)
+        self._emit(names[code], self.chosen)
 
     def _rpm(self, code: int, block: Block) -> None:
         self._emit("SET_SPINDLE_MODE", 0, 0.0)
 
-    def _no_cutter(self, code: int, block: Block) -> None:
-        self._emit("COMMENT", "interpreter: cutter radius compensation off")
+    def _cutter(self, code: int, block: Block) -> None:
+        if code == 400:
+            self.leave_contour()
+            self._emit("COMMENT", "interpreter: cutter radius compensation off")
+            return
+        state, name = self._state, blocks.name_of("g", code)
+        if state.plane == 190:
+            raise BlockError(f"{name} acts in the planes XY and ZX: write G17 or G18 before", name)
+        diameter = self._diameter(block, code, name)
+        left = (code in (410, 411)) == (diameter >= 0)
+        self._emit("COMMENT", f"interpreter: cutter radius compensation on {'left' if left else 'right'}")
+        # of a tool without a radius the center goes along the contour
+        if diameter:
+            state.compensation = Compensation(
+                0.5 * abs(diameter), left, PLANES[state.plane], state.position, self._line, self._write
+            )
+
+    def _diameter(self, block: Block, code: int, name: str) -> float:
+        """Return the diameter of the tool for G41 or G42 in the program's unit: D of the block, or of the table."""
+        state = self._state
+        if code in (411, 421):
+            orientation = block.whole("l", name, 0, 9, 0)
+            diameter = block.take("d", name)
+            assert diameter is not None
+        else:
+            number = block.whole("d", name, 0, 99999, 0) or state.tool
+            tool = self._tools.get(number) if self._tools is not None else None
+            if tool is None:
+                reason = (
+                    f"tool {number} is not in the tool table, which gives its diameter: give the table with this tool"
+                    if number
+                    else "no tool is in the spindle: load one with T and M6, or name it with D"
+                )
+                raise BlockError(f"{reason}; {name}.1 D has the diameter in the program", name)
+            orientation = tool.orientation
+            diameter = tool.diameter * state.scale
+        if orientation not in (0, 9):
+            raise BlockError(
+                f"the tool has the orientation {orientation} of a lathe, for which there is no compensation here: give "
+                "a round tool, or take the front end rs274",
+                name,
+            )
+        return diameter
+
+    def leave_contour(self) -> None:
+        """End the radius compensation, if it is on: the next move leads from beside the contour to its target."""
+        state = self._state
+        if state.compensation:
+            state.compensation.finish()
+            state.leaving = state.here()
+            state.compensation = None
 
     def _system(self, code: int, block: Block) -> None:
         choose_system(self._state, self._emit, BY_CODE[code])
@@ -603,7 +690,7 @@ class Switches:
             self._emit("SET_NAIVECAM_TOLERANCE", state.naive_tolerance)
 
     def _distance(self, code: int, block: Block) -> None:
-        incremental = code == 910
+        incremental = self._state.extruder_incremental = code == 910
         if incremental != self._state.incremental:
             self._state.incremental = incremental
             self._emit(
@@ -623,6 +710,12 @@ class Switches:
         self._emit("COMMENT", f"interpreter: retract mode set to {'r_plane' if code == 990 else 'old_z'}")
 
 
+_EXCLUDED = {
+    *(Step.PLANE, Step.UNITS, Step.CUTTER, Step.TOOL_LENGTH, Step.SYSTEM, Step.PATH_MODE, Step.OFFSET, Step.MOTION),
+    *(Step.TOOL_CHANGE, Step.OUTPUT),
+}
+_HARMLESS = {*(("g", code) for code in (0, 10, 20, 30, 800)), *(("m", code) for code in (610, 640, 650, 680))}
+"""Codes that radius compensation excludes: those of some steps, without some of them."""
 _FEED_MODE, _OFFSET, _MOTION, _STOP = Step.FEED_MODE, Step.OFFSET, Step.MOTION, Step.STOP
 _ARC_WORDS = frozenset("ijkr")
 
@@ -635,6 +728,8 @@ class Interpreter:
     tables_inch  tool table and parameters are in inches instead of mm
     skip_deleted True to skip lines that begin with /
     most_again   largest number of lines that loops and calls may repeat
+    dialect      language of the program, a name in `DIALECTS`
+    parameters   values of named parameters
     """
 
     def __init__(
@@ -645,7 +740,11 @@ class Interpreter:
         tables_inch: bool = False,
         skip_deleted: bool = False,
         most_again: int = MOST_AGAIN,
+        dialect: DialectName = "linuxcnc",
+        *,
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
+        self._dialect, self._rewrite = dialect, DIALECTS[dialect]
         self._parameters = Parameters(numbered)
         self._state = State(self._parameters, tables_inch)
         self._tools = None if tools is None else dict(tools)
@@ -653,10 +752,13 @@ class Interpreter:
         self._out: list[Command] = []
         self._line = Line(str(program), 0, "")
         self._flow = Flow(program, self._parameters, most_again)
-        self._switches = Switches(self._state, self._emit, self._tools)
+        self._switches = Switches(self._state, self._emit, self._tools, lambda: self._line, self._write)
         self._motion = Motion(self._state, self._emit, self._flow.moved)
         self._state.publish()
         self._parameters.live["_line"] = lambda: float(self._line.number)
+        for name, value in (parameters or {}).items():
+            # as names are compared: without case and white space
+            self._parameters.set("".join(name.split()).lower().strip("#<>"), value)
 
     def commands(self) -> Generator[Command]:
         """Yield the canonical commands in program order."""
@@ -671,6 +773,8 @@ class Interpreter:
                     self._finish()
                     break
                 self._line = line
+                if self._rewrite:
+                    line = self._translated(line, self._rewrite)
                 # one % begins a program, a second one ends it
                 if "%" in line.text and line.text.strip() == "%":
                     if begun:
@@ -693,13 +797,48 @@ class Interpreter:
         finally:
             self._flow.close()
 
+    def _translated(self, line: Line, rewrite: Callable[[str], Rewritten]) -> Line:
+        """Return a line of a dialect as RS-274/NGC, and execute what RS-274 has no words for."""
+        try:
+            meaning = rewrite(line.text)
+        except BlockError as fault:
+            raise blocks.located(line, fault) from None
+        if meaning.ignored:
+            self._emit("IGNORED", meaning.ignored)
+        if meaning.extruder is not None:
+            self._state.extruder_incremental = meaning.extruder
+        if meaning.home:
+            self._home(meaning.home)
+        return line._replace(text=meaning.text)
+
+    def _home(self, letters: str) -> None:
+        """Go to the machine's zero with some axes, whose offset of G92 a printer forgets."""
+        state = self._state
+        axes = [blocks.AXES.index(letter.lower()) for letter in letters]
+        self._flow.moved()
+        if self._dialect == "marlin" and any(state.axis_offset[axis] for axis in axes):
+            state.keep_machine(axis_offset=[0.0 if k in axes else x for k, x in enumerate(state.axis_offset)])
+            self._emit("SET_G92_OFFSET", *state.axis_offset)
+        machine = state.machine(state.position)
+        for axis in axes:
+            machine[axis] = 0.0
+        state.position = state.program(machine)
+        self._emit("STRAIGHT_TRAVERSE", *state.position)
+
     def _taken(self) -> list[Command]:
         out = self._out
         self._out = []
         return out
 
     def _emit(self, name: str, *values: Value) -> None:
-        self._out.append(Command(name, values, self._line))
+        command = Command(name, values, self._line)
+        if self._state.compensation:
+            self._state.compensation.take(command)
+        else:
+            self._out.append(command)
+
+    def _write(self, command: Command) -> None:
+        self._out.append(command)
 
     def _begin(self) -> None:
         state, numbered = self._state, self._parameters.numbered
@@ -721,8 +860,11 @@ class Interpreter:
     def _finish(self) -> None:
         try:
             self._flow.check_end()
+            if self._state.nurbs:
+                raise self._unfinished()
         except BlockError as fault:
             raise blocks.located(self._line, fault) from None
+        self._switches.leave_contour()
         self._emit("FINISH")
         self._emit("ON_RESET")
         self._emit("ON_RESET")
@@ -739,8 +881,13 @@ class Interpreter:
             self._flow.act(block.control)
             return
         words, codes = block.words, block.codes
+        self._switches.chosen = self._spindle_of(block) if "$" in words else 0
         motion = -1
         special = stop = -1
+        if codes and self._state.compensation:
+            self._refuse_on_contour(codes, words)
+        if codes and self._state.nurbs and any(step is not _MOTION or code not in CURVE for step, _, code in codes):
+            raise self._unfinished()
         if codes:
             at = 0
             while at < len(codes) and codes[at][0] is _FEED_MODE:
@@ -775,7 +922,37 @@ class Interpreter:
                 letter.upper(),
             )
         if stop >= 0:
+            if stop in (20, 300):
+                self._switches.leave_contour()
             self._switches.stop(stop)
+
+    def _refuse_on_contour(self, codes: Sequence[tuple[Step, str, int]], words: dict[str, float]) -> None:
+        """Refuse the codes that radius compensation excludes."""
+        state = self._state
+        same = {(Step.PLANE, state.plane), (Step.UNITS, 200 if state.inch else 210), (Step.CUTTER, 400)}
+        off = (Step.CUTTER, "g", 400) in codes
+        for step, letter, code in codes:
+            if step in _EXCLUDED and (step, code) not in same and (letter, code) not in _HARMLESS:
+                # L1 and L10 write the table, which acts at the next G41
+                if code == 100 and words.get("l") in (1, 10):
+                    continue
+                # G40 acts before the codes behind it in the order of execution
+                if off and step > Step.CUTTER:
+                    continue
+                name = blocks.name_of(letter, code)
+                raise BlockError(f"{name} does not go with radius compensation: write G40 in a line before it", name)
+
+    def _spindle_of(self, block: Block) -> int:
+        """Return the number of the spindle ($) that S, M3, M4 or M5 of a block mean: 0 the first, -1 all."""
+        if "s" not in block.words and all(step is not Step.SPINDLE for step, _, _ in block.codes):
+            raise BlockError("$ is the spindle of S, M3, M4 and M5, of which this block has none: take it out", "$")
+        return block.whole("$", "a spindle", -1, 7)
+
+    def _unfinished(self) -> BlockError:
+        nurbs = self._state.nurbs
+        assert nurbs is not None
+        ends = "G5.3" if nurbs.name == "G5.2" else f"{nurbs.order} blocks with K alone"
+        return BlockError(f"the curve of {nurbs.name} is not ended: write {ends} before", "")
 
     def _comment(self, text: str) -> None:
         head, comma, rest = text.partition(",")
@@ -814,7 +991,7 @@ class Interpreter:
                     f"{letter} stands without a motion: write G0, G1 or another motion in this block or before", letter
                 )
             return motion
-        return motion if motion in (20, 30) and not _ARC_WORDS.isdisjoint(words) else -1
+        return motion if motion in (20, 30, 62) and not _ARC_WORDS.isdisjoint(words) else -1
 
     def _offset(self, block: Block, code: int, motion: int) -> None:
         """Execute a non-modal code that uses axis words."""

@@ -10,13 +10,17 @@ from collections.abc import Callable
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import AXES, Block, BlockError, name_of
 from feeddrive.path.program.moves import MOST_TURNS, center_of_radius, check_radii, sweep
-from feeddrive.path.program.state import INCH, Emit, State
+from feeddrive.path.program.nurbs import HIGHEST_ORDER, Nurbs
+from feeddrive.path.program.state import EXTRUDER, INCH, TOUCHED, Emit, State
 
 PLANES = {170: (0, 1, 2), 180: (2, 0, 1), 190: (1, 2, 0)}
 """The first and second axis of each plane and the axis normal to it, right-handed, by ten times the G code."""
 # 0.01 inch, as in LinuxCNC
 CLEARANCE = 0.254
 """The distance above the last depth at which the traverse of a pecking cycle ends, mm."""
+# programs round the position to a few decimals
+START_SPREAD = 1e-3
+"""The largest distance of the first control point of G6.2 from the position before it, mm (and degrees)."""
 # a mistyped L or Q must not become millions of moves
 MOST_REPEATS = 10_000
 MOST_PECKS = 10_000
@@ -210,6 +214,10 @@ AXIS_OF = {letter: axis for axis, letter in enumerate(AXES)}
 # as in LinuxCNC, for moves of little or no length
 LEAST_FEED = 0.1
 """The least feed of a move in inverse time mode, in program units per minute."""
+CURVE = frozenset({52, 53, 62})
+"""The codes of a NURBS."""
+PROBES = frozenset({382, 383, 384, 385})
+"""The codes of a probing move."""
 MOVING = frozenset(AXES + "@^")
 """The words that specify the target of a move."""
 
@@ -237,7 +245,8 @@ class Motion:
             axis = AXIS_OF.get(letter)
             if axis is not None:
                 value = words.pop(letter)
-                target[axis] = target[axis] + value if incremental else value
+                added = state.extruder_incremental if axis == EXTRUDER else incremental
+                target[axis] = target[axis] + value if added else value
                 moved.append(axis)
         return target, moved
 
@@ -285,8 +294,12 @@ class Motion:
             self._emit("COMMENT", "interpreter: motion mode set to none")
         elif code in (50, 51):
             self._spline(block, code)
+        elif code in CURVE:
+            self._nurbs(block, code)
         elif code == 330:
             self._synchronized(block)
+        elif code in PROBES:
+            self._probe(block, code)
         else:
             same = state.motion == code
             # the word of the normal axis is a depth, read by `drill`, and no position
@@ -316,8 +329,12 @@ class Motion:
                 )
         self._moved()
         self._tangent = None
-        state.position = target
-        self._emit("STRAIGHT_FEED" if code else "STRAIGHT_TRAVERSE", *target)
+        name = "STRAIGHT_FEED" if code else "STRAIGHT_TRAVERSE"
+        if state.compensation:
+            state.compensation.move(name, target)
+        else:
+            self._emit(name, *target)
+        state.position, state.leaving = target, None
 
     def _inverse_time(self, block: Block, length: float, name: str) -> None:
         """Set the feed of this move under G93: F is the inverse of its time in minutes."""
@@ -332,6 +349,8 @@ class Motion:
     def _arc(self, block: Block, code: int) -> None:
         state = self._state
         name = "G2" if code == 20 else "G3"
+        if state.leaving:
+            raise BlockError(f"the move behind G40 is straight: write G0 or G1 before this {name}", name)
         first, second, across = PLANES[state.plane]
         position = state.position
         target, moved = self.target(block)
@@ -358,9 +377,12 @@ class Motion:
             raise BlockError(f"{name} needs a feed above 0: write F in this block or before", name)
         self._moved()
         self._tangent = None
+        turns = turns if code == 30 else -turns
+        if state.compensation:
+            state.compensation.move("ARC_FEED", target, center, turns)
+        else:
+            self._emit("ARC_FEED", *end, *center, turns, target[across], *target[3:])
         state.position = target
-        others = (*target[3:],)
-        self._emit("ARC_FEED", *end, *center, turns if code == 30 else -turns, target[across], *others)
 
     def _center(
         self, name: str, offsets: tuple[float | None, float | None], start: tuple[float, float], letters: str
@@ -378,10 +400,7 @@ class Motion:
         Q that of the second from the end.
         """
         state, name = self._state, name_of("g", code)
-        if state.plane != 170:
-            raise BlockError(f"{name} lies in the plane XY: write G17 before", name)
-        if state.feed_mode == 930 or state.feed <= 0:
-            raise BlockError(f"{name} needs a feed above 0 in G94 or G95: write F in this block or before", name)
+        self._curve(name)
         before = list(state.position)
         target, moved = self.target(block)
         if any(axis > 1 for axis in moved) or not moved:
@@ -409,6 +428,126 @@ class Motion:
         state.position = target
         self._moved()
         self._emit("NURBS_FEED", *(value for point in points for value in point), target[0], target[1])
+
+    def _curve(self, name: str, flat: bool = True) -> None:
+        """Refuse a curve without a feed, right behind G40, or, if it is `flat`, in another plane than XY."""
+        state = self._state
+        if flat and state.plane != 170:
+            raise BlockError(f"{name} lies in the plane XY: write G17 before", name)
+        if state.feed_mode == 930 or state.feed <= 0:
+            raise BlockError(f"{name} needs a feed above 0 in G94 or G95: write F in this block or before", name)
+        if state.leaving:
+            raise BlockError(f"the move behind G40 is straight: write G0 or G1 before this {name}", name)
+
+    def _nurbs(self, block: Block, code: int) -> None:
+        """Read a block of a NURBS.
+
+        G5.2 in XY: L the order (3), P the weight; the first point is the position before it.  G5.3 ends it.
+        G6.2: P the order (4), K a knot, R the weight; blocks with K alone, as many as the order, end it.
+        """
+        state = self._state
+        if code == 53:
+            if state.nurbs is None or state.nurbs.name != "G5.2":
+                raise BlockError("G5.3 ends a curve, and none is open: write G5.2 before", "G5.3")
+            self._end_curve(state.nurbs)
+            return
+        name = name_of("g", code)
+        nurbs = state.nurbs
+        if nurbs is not None and nurbs.name != name:
+            raise BlockError(f"{name} stands in a curve of {nurbs.name}: end that one before", name)
+        begins = nurbs is None
+        if nurbs is None:
+            self._curve(name, code == 52)
+            letter, usual = ("l", 3) if code == 52 else ("p", 4)
+            nurbs = state.nurbs = Nurbs(name, block.whole(letter, name, 2, HIGHEST_ORDER, usual))
+            state.motion = code
+        if state.incremental:
+            raise BlockError(f"the points of {name} are absolute: write G90 before", name)
+        if code == 52:
+            self._point(block, nurbs, begins)
+        else:
+            self._knot(block, nurbs, begins)
+
+    def _point(self, block: Block, nurbs: Nurbs, begins: bool) -> None:
+        """Read a control point of G5.2."""
+        target, moved = self.target(block)
+        weight = block.take("p")
+        if any(axis > 1 for axis in moved):
+            raise BlockError("G5.2 lies in the plane XY, and moves no other axis", AXES[max(moved)].upper())
+        if begins:
+            # without X and Y the weight is that of the first point, which is where the machine stands
+            nurbs.add(self._state.position, weight if weight is not None and not moved else 1.0)
+        if moved:
+            nurbs.add(target, 1.0 if weight is None else weight)
+            self._state.position = target
+        elif not begins:
+            raise BlockError("a block between G5.2 and G5.3 has X or Y: write the control point", "P")
+
+    def _knot(self, block: Block, nurbs: Nurbs, begins: bool) -> None:
+        """Read a block of G6.2: a control point with its knot, or a knot alone."""
+        state, knot = self._state, block.take("k")
+        before = state.position
+        target, moved = self.target(block)
+        weight = block.take("r")
+        if begins:
+            unit = INCH if state.inch else 1.0
+            if math.dist(target, before) * unit > START_SPREAD:
+                raise BlockError(
+                    "the first control point of G6.2 is the position before it: move there with G1 or G0, or leave the "
+                    "words of the axes out",
+                    AXES[moved[0]].upper(),
+                )
+            nurbs.add(before, 1.0 if weight is None else weight)
+            if knot is not None:
+                nurbs.knots.append(knot)
+            return
+        if knot is None:
+            raise BlockError("each block of a curve of G6.2 has a knot: write K", "G6.2")
+        if not nurbs.knots:
+            nurbs.knots.append(knot)
+        nurbs.knots.append(knot)
+        if moved:
+            if len(nurbs.knots) > len(nurbs.points) + 1:
+                raise BlockError("a control point stands behind a knot alone, which ends a curve: take it out", "K")
+            nurbs.add(target, 1.0 if weight is None else weight)
+            state.position = target
+        elif len(nurbs.knots) == len(nurbs.points) + nurbs.order:
+            self._end_curve(nurbs)
+
+    def _end_curve(self, nurbs: Nurbs) -> None:
+        """Emit a NURBS as Bezier curves."""
+        state = self._state
+        state.nurbs, state.motion = None, 800
+        self._moved()
+        self._tangent = None
+        for piece in nurbs.pieces(INCH if state.inch else 1.0):
+            # a single point is no motion
+            if (piece != piece[0]).any():
+                points = [float(value) for point in piece[1:] for value in point]
+                self._emit("STRAIGHT_FEED" if len(piece) == 2 else "BEZIER_FEED", *points)
+
+    def _probe(self, block: Block, code: int) -> None:
+        """Emit G38.2 to G38.5 as if the probe touched at the end of the move, where #5061 to #5069 then are."""
+        state, name = self._state, name_of("g", code)
+        target, moved = self.target(block)
+        # behind another probe the real machine would stand before its end, and may have a way to go
+        probed = state.parameters.numbered.get(TOUCHED + 9)
+        if not moved or (target == state.position and not probed):
+            raise BlockError(
+                f"{name} moves towards the work: write the word of an axis, beyond the present position", name
+            )
+        if state.feed_mode == 930 or state.feed <= 0:
+            raise BlockError(f"{name} needs a feed above 0 in G94 or G95: write F in this block or before", name)
+        self._moved()
+        self._tangent = None
+        # not modal: the next block needs a code of its own, as in LinuxCNC
+        state.motion = 800
+        state.position, state.leaving = target, None
+        state.parameters.numbered.update({TOUCHED + axis: value for axis, value in enumerate(target)})
+        state.parameters.numbered[TOUCHED + 9] = 1.0
+        self._emit("TURN_PROBE_ON")
+        self._emit("STRAIGHT_PROBE", *target)
+        self._emit("TURN_PROBE_OFF")
 
     def _synchronized(self, block: Block) -> None:
         """Emit G33: a feed that advances K per spindle revolution."""

@@ -58,11 +58,13 @@ def _entry(values: tuple[Value, ...]) -> str:
 _TEXT: dict[str, Callable[[tuple[Value, ...]], str]] = {
     "STRAIGHT_TRAVERSE": _six,
     "STRAIGHT_FEED": _six,
+    "STRAIGHT_PROBE": _six,
     "ARC_FEED": lambda values: _listed(values[:9]),
     "SET_G5X_OFFSET": lambda values: _listed(values[:7]),
     "SET_G92_OFFSET": _six,
     "COMMENT": _quoted,
     "MESSAGE": _quoted,
+    "IGNORED": _quoted,
     "LOG": _quoted,
     "SET_MOTION_CONTROL_MODE": _mode,
     "USE_TOOL_LENGTH_OFFSET": _offsets,
@@ -361,11 +363,29 @@ class Message:
 
 
 @dataclass(frozen=True, slots=True)
+class Ignored:
+    """A code of a dialect that moves nothing, such as M104, and is left out."""
+
+    source: Line
+    code: str
+
+
+@dataclass(frozen=True, slots=True)
 class Stop:
     """A program stop; an `optional` one (M1) takes effect only if the operator has enabled optional stops."""
 
     source: Line
     optional: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Probe(Stop):
+    """A stop before and after a probing move (G38.2 to G38.5), which is planned as if it touched at its end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wait(Stop):
+    """A stop that waits for an input (M66), for a time that is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -388,6 +408,7 @@ Move = (
     | Offsets
     | Switch
     | Message
+    | Ignored
     | Stop
     | End
 )

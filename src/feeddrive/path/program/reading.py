@@ -11,16 +11,17 @@ import subprocess
 import tempfile
 import time
 from array import array
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Literal
 
-from feeddrive.language.errors import MissingProgramError, ProgramError, plain
+from feeddrive.language.errors import MissingProgramError, ParameterError, ProgramError, plain
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import BlockError, Line, LineReader, Place
+from feeddrive.path.program.dialects import DialectName
 from feeddrive.path.program.frame import Frame, Travel
 from feeddrive.path.program.interpreter import MOST_AGAIN, Interpreter
 from feeddrive.path.program.moves import Command, Move, read_command
@@ -30,9 +31,9 @@ PROGRAM, PACKAGE = "rs274", "linuxcnc-uspace"
 LONGEST_RUN, LARGEST_OUTPUT = 300.0, 2e9
 """The longest run of `rs274`, s, and the largest size of its output, bytes."""
 
-_NEEDED = re.compile(r"g0*(?:4[12](?:\.1)?|[78]|76|8[78])(?![\d.])|m0*(?:19|7[0-3])(?![\d.])")
+_NEEDED = re.compile(r"g0*(?:(?:[78]|76|8[78])(?![\d.])|7[0-2](?!\d))|m0*(?:19|7[0-3])(?![\d.])")
 _CANDIDATE = re.compile(
-    rb"[gG][ \t0]*(?:4[ \t]*[12]|7[ \t]*6|8[ \t]*[78]|[78][ \t]*(?![0-9 \t]))|[mM][ \t0]*(?:1[ \t]*9|7[ \t]*[0-3])"
+    rb"[gG][ \t0]*(?:7[ \t]*[0126]|8[ \t]*[78]|[78][ \t]*(?![0-9 \t]))|[mM][ \t0]*(?:1[ \t]*9|7[ \t]*[0-3])"
 )
 _NAME = re.compile(r"<[^>]*>")
 _NUMBER = re.compile(r"\s*(/?)\s*(?:[nN][\s\d.]*)?")
@@ -304,6 +305,8 @@ def read_program(
     skip_deleted: bool = False,
     front_end: FrontEnd = "auto",
     most_again: int = MOST_AGAIN,
+    parameters: Mapping[str, float] | None = None,
+    dialect: DialectName = "linuxcnc",
 ) -> Generator[Move]:
     """Yield the moves of a part program (RS-274/NGC) in constant memory: m, rad, s, machine coordinates.
 
@@ -316,6 +319,8 @@ def read_program(
     front_end     own: the built-in interpreter; rs274: that of LinuxCNC; auto: rs274 if
                   it is installed and the program needs it (G41)
     most_again    largest number of lines that loops and calls may repeat
+    parameters    values of named parameters that the program does not set, such as {"_hal[plasmac.cut-feed-rate]": 40}
+    dialect       linuxcnc: RS-274/NGC; grbl; marlin: a 3D printer, whose E is the axis U
 
     An invalid program ends the iteration with a `ProgramError` stating file, line, column, word and reason.
     """
@@ -327,6 +332,8 @@ def read_program(
         skip_deleted=skip_deleted,
         front_end=front_end,
         most_again=most_again,
+        parameters=parameters,
+        dialect=dialect,
     )
     return _moves(Frame(axes), commands)
 
@@ -346,13 +353,27 @@ def read_commands(
     skip_deleted: bool = False,
     front_end: FrontEnd = "auto",
     most_again: int = MOST_AGAIN,
+    parameters: Mapping[str, float] | None = None,
+    dialect: DialectName = "linuxcnc",
 ) -> Generator[Command]:
     """Yield the canonical commands of a part program, in its own units and coordinates; see `read_program`."""
     path = Path(program)
+    if dialect != "linuxcnc":
+        if front_end == "rs274":
+            raise ParameterError(
+                f"{PROGRAM} reads no programs in the dialect {dialect}: take the front end auto or own"
+            )
+        front_end = "own"
+    if parameters:
+        if front_end == "rs274":
+            raise ParameterError(f"{PROGRAM} takes no parameters from outside: take the front end auto or own")
+        front_end = "own"
     if front_end == "auto":
         front_end = "rs274" if needs_rs274(path) and shutil.which(PROGRAM) else "own"
     table = None if tools is None else read_tools(tools)
     numbered = None if offsets is None else blocks.read_offsets(offsets)
     if front_end == "rs274":
         return rs274_commands(path, table, numbered, tables_inch, skip_deleted)
-    return Interpreter(path, table, numbered, tables_inch, skip_deleted, most_again).commands()
+    return Interpreter(
+        path, table, numbered, tables_inch, skip_deleted, most_again, dialect, parameters=parameters
+    ).commands()

@@ -14,6 +14,8 @@ from pathlib import Path
 from feeddrive.language.errors import FileError, shown
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import AXES, Block, BlockError, Parameters, name_of
+from feeddrive.path.program.compensation import Compensation
+from feeddrive.path.program.nurbs import Nurbs
 
 _WORD = re.compile(r"([A-Za-z])([+-]?(?:\d+\.?\d*|\.\d+))\s*")
 _AXES = "XYZABCUVW"
@@ -91,7 +93,11 @@ LINEAR = (0, 1, 2, 6, 7, 8)
 INCH = 25.4
 # the numbers of parameters in a .var file are fixed by LinuxCNC
 SYSTEM, G92_ON, G92, HOME_1, HOME_2 = 5220, 5210, 5211, 5161, 5181
+# the point where a probe touched, behind which #5070 is 1 if it did; and what M66 read
+TOUCHED, READ_INPUT = 5061, 5399
 SYSTEMS = 9
+EXTRUDER = AXES.index("u")
+"""The axis that stands for E of a 3D printer."""
 
 Emit = Callable[..., None]
 """The function that writes a canonical command, called with its name and then its values."""
@@ -114,6 +120,10 @@ class State:
     motion    the modal motion as ten times the code: 10 for G1; 800 for none
     cycle     sticky words of a series of canned cycles
     level     initial level of these cycles: axis and coordinate
+    compensation  the radius compensation, if it is on; `position` is then that of the programmed contour
+    extruder_incremental  `incremental` for the axis U, which G90 and G91 set too, and M82 and M83 of a printer alone
+    nurbs         the curve of G5.2 or G6.2 whose control points are being read
+    leaving       the position of the tool's center between G40 and the next move; otherwise None
     """
 
     def __init__(self, parameters: Parameters, user_inch: bool) -> None:
@@ -133,6 +143,7 @@ class State:
         self.feed_override = True
         self.speed_override = True
         self.incremental = False
+        self.extruder_incremental = False
         self.arc_absolute = False
         self.retract_to_r = True
         self.path_mode = "CANON_CONTINUOUS"
@@ -145,6 +156,9 @@ class State:
         self.mist = self.flood = False
         self.cycle: dict[str, float] = {}
         self.level: tuple[int, float] | None = None
+        self.compensation: Compensation | None = None
+        self.nurbs: Nurbs | None = None
+        self.leaving: list[float] | None = None
 
     # units
 
@@ -192,6 +206,10 @@ class State:
         shifted[0], shifted[1] = rotated(shifted[0], shifted[1], self.rotation)
         return [s + o + t for s, o, t in zip(shifted, self.origin, self.tool_offset, strict=True)]
 
+    def here(self) -> list[float]:
+        """Return the position of the tool in program coordinates, with radius compensation that of its center."""
+        return self.compensation.position(self.position) if self.compensation else self.position
+
     def program(self, machine: Sequence[float]) -> list[float]:
         """Convert machine coordinates to program coordinates."""
         shifted = [m - o - t for m, o, t in zip(machine, self.origin, self.tool_offset, strict=True)]
@@ -231,7 +249,7 @@ class State:
         for axis in range(9):
             # bound by defaults, since a closure would see the last axis of the loop only
             live[5401 + axis] = lambda axis=axis: self.tool_offset[axis] / (self.scale if axis in LINEAR else 1.0)
-            live[5420 + axis] = lambda axis=axis: self.position[axis]
+            live[5420 + axis] = lambda axis=axis: self.here()[axis]
             live[f"_{AXES[axis]}"] = live[5420 + axis]
         live |= {
             "_metric": lambda: float(not self.inch),
@@ -256,6 +274,8 @@ class State:
             "_tool_offset": lambda: float(any(self.tool_offset)),
             "_current_tool": lambda: float(self.tool),
             "_selected_tool": lambda: float(self.selected),
+            # 0 is a preview; what is planned is what the machine does
+            "_task": lambda: 1.0,
         }
 
 
@@ -284,16 +304,19 @@ def choose_system(state: State, emit: Emit, system: int) -> None:
 
 def write_offsets(state: State, block: Block, emit: Emit, tools: dict[int, Tool]) -> None:
     """Execute G10: L2 and L20 write a work offset, L1 and L10 an offset of the tool table."""
-    kind = block.whole("l", "G10", 1, 20)
+    kind = block.whole("l", "G10", 0, 20)
     coordinates = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}
     if kind in (2, 20):
         system = block.whole("p", f"G10 L{kind}", 0, SYSTEMS) or state.system
         _write_system(state, emit, system, coordinates, block.take("r"), here=kind == 20)
+    elif kind == 0:
+        # LinuxCNC reads its table again; here it has not changed
+        return
     elif kind in (1, 10):
         number = block.whole("p", f"G10 L{kind}", 1, 99999)
         _write_tool(state, block, emit, tools, number, coordinates, here=kind == 10)
     else:
-        raise BlockError(f"G10 has L1, L2, L10 and L20, not L{kind}", "L")
+        raise BlockError(f"G10 has L0, L1, L2, L10 and L20, not L{kind}", "L")
 
 
 def _write_system(

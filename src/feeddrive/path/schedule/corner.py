@@ -23,192 +23,202 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, zeros
+from feeddrive.language.kernels.source import Floats, Records, by_field, records, rows_for
 from feeddrive.path.motion import (
     LINE,
+    Derivatives,
     Entering,
+    Interval,
+    Limits,
     Motion,
     Part,
     Pieces,
     Section,
     cubic,
     derivatives,
+    direction,
     from_rows,
+    moved,
+    part_of_pieces,
+    piece_of,
     rows,
     way,
 )
-from feeddrive.path.schedule.ramp import bounds, boxcars, cube_root, jerk_before, phase
+from feeddrive.path.schedule.ramp import Ramp, Slopes, bounds, boxcars, cube_root, duration, jerk_before, phase
 
 _HALVINGS = 24  # largest number of halvings of the overlap
 _SLIVER = 1e-12  # of an overlap: two phases that end so close together end simultaneously
 BELOW = 1.0 - 1e-10  # of a tolerance, for rounding
 
 
-@kernel
-def _widened(low: float, high: float, down: float, up: float, more: float, out: Floats) -> int:
-    """Add [low, high] · [-down, up] ± more to the interval in `out`."""
-    out[0] = out[0] + min(min(-low * down, -high * down), min(low * up, high * up)) - more
-    out[1] = out[1] + max(max(-low * down, -high * down), max(low * up, high * up)) + more
-    return 0
+class Range(NamedTuple):
+    """An interval of numbers."""
+
+    low: float
+    high: float
 
 
-@kernel
-def _bent(most: Floats, c: float, v: float, a: float, j: float, s: float, h: float, away: float, out: Floats2) -> int:
-    """Add to the rows of `out` the ranges by which the velocity, acceleration, jerk and snap of an axis may differ from
-    those of motion along the tangent, due to curvature.
+class Ranges(NamedTuple):
+    """Intervals of the velocity, acceleration, jerk and snap of an axis."""
 
-    c is r' of the axis at the corner, `most` are bounds on r' .. r'''', and `away` is a bound on the distance to the
-    corner; u' .. u'''' are the values at the start of an interval of h seconds.
+    velocity: Range
+    acceleration: Range
+    jerk: Range
+    snap: Range
+
+
+_NOTHING = Ranges(Range(0.0, 0.0), Range(0.0, 0.0), Range(0.0, 0.0), Range(0.0, 0.0))
+
+
+class End(NamedTuple):
+    """The end of a run at a corner: its motion on one piece of its path, and this piece.
+
+    motion     time intervals, of which the first `used` count
+    lasts      their duration, s
+    length     of the piece, m
+    feed       m/s
+    direction  r' at the corner, shape (N,)
+    most       bounds of each axis on the piece
     """
+
+    motion: Records[Interval]
+    used: int
+    lasts: float
+    length: float
+    feed: float
+    direction: Floats
+    most: Records[Slopes]
+
+
+@kernel
+def _widened(rest: Range, low: float, high: float, down: float, up: float, more: float) -> Range:
+    """Add [low, high] · [-down, up] ± more to an interval."""
+    return Range(
+        rest.low + min(min(-low * down, -high * down), min(low * up, high * up)) - more,
+        rest.high + max(max(-low * down, -high * down), max(low * up, high * up)) + more,
+    )
+
+
+@kernel
+def _bent(most: Slopes, c: float, now: Interval, h: float, away: float, rest: Ranges) -> Ranges:
+    """Add to `rest` the ranges by which the derivatives of an axis may differ from those of motion along the tangent,
+    due to curvature.
+
+    c is r' of the axis at the corner, and `away` is a bound on the distance to the corner; `now` is the motion at the
+    start of h seconds.
+    """
+    _, _, v, a, j, s = now
     # r' - c
-    up = min(most[1] * away, max(most[0] - c, 0.0))
-    down = min(most[1] * away, max(most[0] + c, 0.0))
+    up = min(most.M2 * away, max(most.M1 - c, 0.0))
+    down = min(most.M2 * away, max(most.M1 + c, 0.0))
     j1 = j + h * s
     a1 = a + 0.5 * h * j
     a2 = a + h * (j + 0.5 * h * s)
     A = max(max(abs(a), abs(a1)), abs(a2))
     J = max(abs(j), abs(j1))
     V = abs(v) + h * A
-    _widened(0.0, V, down, up, 0.0, out[0])
-    _widened(min(min(a, a1), a2), max(max(a, a1), a2), down, up, most[1] * V * V, out[1])
-    _widened(min(j, j1), max(j, j1), down, up, 3.0 * most[1] * V * A + most[2] * V * V * V, out[2])
-    more = most[1] * (3.0 * A * A + 4.0 * V * J) + 6.0 * most[2] * V * V * A + most[3] * V * V * V * V
-    _widened(s, s, down, up, more, out[3])
-    return 0
+    more = most.M2 * (3.0 * A * A + 4.0 * V * J) + 6.0 * most.M3 * V * V * A + most.M4 * V * V * V * V
+    return Ranges(
+        _widened(rest.velocity, 0.0, V, down, up, 0.0),
+        _widened(rest.acceleration, min(min(a, a1), a2), max(max(a, a1), a2), down, up, most.M2 * V * V),
+        _widened(rest.jerk, min(j, j1), max(j, j1), down, up, 3.0 * most.M2 * V * A + most.M3 * V * V * V),
+        _widened(rest.snap, s, s, down, up, more),
+    )
 
 
 @kernel
-def _largest(value: float, rest: Floats) -> float:
+def _largest(value: float, rest: Range) -> float:
     """Return the largest |value + r| for all r in the interval `rest`."""
-    return max(abs(value + rest[0]), abs(value + rest[1]))
+    return max(abs(value + rest.low), abs(value + rest.high))
 
 
 @kernel
-def together(
-    motion0: Floats2,
-    count0: int,
-    length0: float,
-    direction0: Floats,
-    most0: Floats2,
-    motion1: Floats2,
-    count1: int,
-    direction1: Floats,
-    most1: Floats2,
-    lasts: float,
-    limits: Floats2,
-    feed: float,
-) -> tuple[float, float]:
+def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: float) -> tuple[float, float]:
     """Return the peak utilization of the limits and the feed by the sum of two motions, and the distance to the corner,
     m.
 
-    The first motion ends on a piece of the given length, the second begins on another piece, and they overlap for
-    `lasts` seconds; the directions are r' at the corner.  Ranges are bounded by Bernstein points.
+    The first motion ends on a piece, the second begins on another piece, and they overlap for `lasts` seconds.  Ranges
+    are bounded by Bernstein points.
     """
     axes = len(limits)
-    p0 = zeros(4)
-    p1 = zeros(4)
-    p2 = zeros(4)
-    rest = zeros(4, 2)
     curved = 0.0
     for i in range(axes):
-        curved = max(curved, max(most0[i, 1], most1[i, 1]))
+        curved = max(curved, max(one.most[i].M2, two.most[i].M2))
     # where the first motion is when the second begins
-    m = count0
+    m = one.used
     left = lasts
     while m > 0 and left > 0.0:
         m = m - 1
-        left = left - motion0[m, 0]
+        left = left - one.motion[m].duration
     begin0 = left  # of time piece m, from when the second begins
     n = 0
     begin1 = 0.0
     t = 0.0
     share = 0.0
     distance = 1e300
-    while t < lasts and m < count0 and n < count1:
-        end0 = begin0 + motion0[m, 0]
-        end1 = begin1 + motion1[n, 0]
+    while t < lasts and m < one.used and n < two.used:
+        end0 = begin0 + one.motion[m].duration
+        end1 = begin1 + two.motion[n].duration
         end = min(min(end0, end1), lasts)
         # both last intervals end with the overlap, although the sums of durations differ from it by rounding
-        if m + 1 == count0 and n + 1 == count1:
+        if m + 1 == one.used and n + 1 == two.used:
             end = lasts
         h = end - t
         if h > _SLIVER * lasts:
-            b = t - begin0
-            s0 = motion0[m, 5]
-            x0 = motion0[m, 1] + way(motion0[m, 2], motion0[m, 3], motion0[m, 4], s0, b)
-            v0 = cubic(motion0[m, 2], motion0[m, 3], motion0[m, 4], s0, b)
-            a0 = motion0[m, 3] + b * (motion0[m, 4] + 0.5 * b * s0)
-            j0 = motion0[m, 4] + b * s0
-            b = t - begin1
-            s1 = motion1[n, 5]
-            x1 = motion1[n, 1] + way(motion1[n, 2], motion1[n, 3], motion1[n, 4], s1, b)
-            v1 = cubic(motion1[n, 2], motion1[n, 3], motion1[n, 4], s1, b)
-            a1 = motion1[n, 3] + b * (motion1[n, 4] + 0.5 * b * s1)
-            j1 = motion1[n, 4] + b * s1
-            far0 = max(length0 - x0, 0.0)
+            now0 = moved(one.motion[m], t - begin0)
+            now1 = moved(two.motion[n], t - begin1)
+            _, x0, v0, a0, j0, s0 = now0
+            _, x1, v1, a1, j1, s1 = now1
+            far0 = max(one.length - x0, 0.0)
             far1 = max(x1 + way(v1, a1, j1, s1, h), 0.0)
-            speed = 0.0
-            for k in range(4):
-                p2[k] = 0.0
+            squares0 = 0.0
+            squares1 = 0.0
+            squares2 = 0.0
+            squares3 = 0.0
             for i in range(axes):
-                c0 = direction0[i]
-                c1 = direction1[i]
+                c0 = one.direction[i]
+                c1 = two.direction[i]
                 v = c0 * v0 + c1 * v1
                 a = c0 * a0 + c1 * a1
                 j = c0 * j0 + c1 * j1
                 s = c0 * s0 + c1 * s1
-                for k in range(4):
-                    rest[k] = 0.0, 0.0
+                rest = _NOTHING
                 if curved > 0.0:
-                    _bent(most0[i], c0, v0, a0, j0, s0, h, far0, rest)
-                    _bent(most1[i], c1, v1, a1, j1, s1, h, far1, rest)
-                p0[0] = v
-                p0[1] = v + h * a / 3.0
-                p0[2] = v + h * (2.0 * a + 0.5 * h * j) / 3.0
-                p0[3] = cubic(v, a, j, s, h)
-                p1[0] = a
-                p1[1] = a + 0.5 * h * j
-                p1[2] = a + h * (j + 0.5 * h * s)
-                most = 0.0
-                for k in range(4):
-                    fast = _largest(p0[k], rest[0])
-                    p2[k] = p2[k] + fast * fast
-                    most = max(most, fast)
-                share = max(share, most / limits[i, 0])
-                for k in range(3):
-                    share = max(share, _largest(p1[k], rest[1]) / limits[i, 1])
-                share = max(share, max(_largest(j, rest[2]), _largest(j + h * s, rest[2])) / limits[i, 2])
-                share = max(share, _largest(s, rest[3]) / limits[i, 3])
-            for k in range(4):
-                speed = max(speed, p2[k])
+                    rest = _bent(one.most[i], c0, now0, h, far0, rest)
+                    rest = _bent(two.most[i], c1, now1, h, far1, rest)
+                limit = limits[i]
+                # Bernstein points
+                fast0 = _largest(v, rest.velocity)
+                fast1 = _largest(v + h * a / 3.0, rest.velocity)
+                fast2 = _largest(v + h * (2.0 * a + 0.5 * h * j) / 3.0, rest.velocity)
+                fast3 = _largest(cubic(v, a, j, s, h), rest.velocity)
+                squares0 = squares0 + fast0 * fast0
+                squares1 = squares1 + fast1 * fast1
+                squares2 = squares2 + fast2 * fast2
+                squares3 = squares3 + fast3 * fast3
+                share = max(share, max(max(fast0, fast1), max(fast2, fast3)) / limit.velocity)
+                share = max(share, _largest(a, rest.acceleration) / limit.acceleration)
+                share = max(share, _largest(a + 0.5 * h * j, rest.acceleration) / limit.acceleration)
+                share = max(share, _largest(a + h * (j + 0.5 * h * s), rest.acceleration) / limit.acceleration)
+                share = max(share, max(_largest(j, rest.jerk), _largest(j + h * s, rest.jerk)) / limit.jerk)
+                share = max(share, _largest(s, rest.snap) / limit.snap)
+            speed = max(max(squares0, squares1), max(squares2, squares3))
             share = max(share, sqrt(speed) / feed)
-            end_left = length0 - (x0 + way(v0, a0, j0, s0, h))
+            end_left = one.length - (x0 + way(v0, a0, j0, s0, h))
             if distance == 1e300 and (end_left <= far1 or end >= lasts):
                 # the distances to the corner become equal here
                 low = 0.0
                 high = h
-                for _ in range(50):
+                for _halving in range(50):
                     b = 0.5 * (low + high)
-                    if length0 - (x0 + way(v0, a0, j0, s0, b)) > x1 + way(v1, a1, j1, s1, b):
+                    if one.length - (x0 + way(v0, a0, j0, s0, b)) > x1 + way(v1, a1, j1, s1, b):
                         low = b
                     else:
                         high = b
                 b = 0.5 * (low + high)
-                w0 = length0 - (x0 + way(v0, a0, j0, s0, b))
+                w0 = one.length - (x0 + way(v0, a0, j0, s0, b))
                 w1 = x1 + way(v1, a1, j1, s1, b)
-                gap = 0.0
-                size0 = 0.0
-                size1 = 0.0
-                bend = 0.0
-                for i in range(axes):
-                    g = w1 * direction1[i] - w0 * direction0[i]
-                    gap = gap + g * g
-                    size0 = size0 + most0[i, 0] * most0[i, 0]
-                    size1 = size1 + most1[i, 0] * most1[i, 0]
-                    bend = bend + max(most0[i, 1] * w0 * w0, most1[i, 1] * w1 * w1)
-                distance = sqrt(gap)
-                if curved > 0.0:
-                    distance = max(max(w0 * sqrt(size0), w1 * sqrt(size1)), distance + 2.0 * bend)
+                distance = _apart(one, two, w0, w1, curved > 0.0)
         if end0 <= end:
             begin0 = end0
             m = m + 1
@@ -220,42 +230,37 @@ def together(
 
 
 @kernel
-def overlap(
-    motion0: Floats2,
-    count0: int,
-    length0: float,
-    direction0: Floats,
-    most0: Floats2,
-    motion1: Floats2,
-    count1: int,
-    direction1: Floats,
-    most1: Floats2,
-    longest: float,
-    tolerance: float,
-    limits: Floats2,
-    feed: float,
-) -> float:
+def _apart(one: End, two: End, w0: float, w1: float, curved: bool) -> float:
+    """Return a bound on the distance to the corner for motions that are w0 before and w1 behind it."""
+    gap = 0.0
+    size0 = 0.0
+    size1 = 0.0
+    bend = 0.0
+    for i in range(len(one.direction)):
+        most0 = one.most[i]
+        most1 = two.most[i]
+        g = w1 * two.direction[i] - w0 * one.direction[i]
+        gap = gap + g * g
+        size0 = size0 + most0.M1 * most0.M1
+        size1 = size1 + most1.M1 * most1.M1
+        bend = bend + max(most0.M2 * w0 * w0, most1.M2 * w1 * w1)
+    distance = sqrt(gap)
+    if curved:
+        distance = max(max(w0 * sqrt(size0), w1 * sqrt(size1)), distance + 2.0 * bend)
+    return distance
+
+
+@kernel
+def overlap(one: End, two: End, longest: float, tolerance: float, limits: Records[Limits]) -> float:
     """Return the longest overlap up to `longest` that satisfies limits and tolerance, found by bisection, or 0 if there
     is none.
     """
+    feed = max(one.feed, two.feed)
     low = 0.0
     high = longest
     lasts = longest
     for _ in range(_HALVINGS):
-        share, distance = together(
-            motion0,
-            count0,
-            length0,
-            direction0,
-            most0,
-            motion1,
-            count1,
-            direction1,
-            most1,
-            lasts,
-            limits,
-            feed,
-        )
+        share, distance = together(one, two, lasts, limits, feed)
         if share <= 1.0 + 1e-10 and distance <= tolerance * BELOW:
             low = lasts
         else:
@@ -266,28 +271,35 @@ def overlap(
     return low
 
 
-@kernel
-def _state_at(row: Floats, t: float, lasts: float, out: Floats) -> int:
-    """Write into `out` the section of a time interval that begins at t and lasts `lasts` seconds."""
-    out[0] = lasts
-    out[1] = row[1] + way(row[2], row[3], row[4], row[5], t)
-    out[2] = cubic(row[2], row[3], row[4], row[5], t)
-    out[3] = row[3] + t * (row[4] + 0.5 * t * row[5])
-    out[4] = row[4] + t * row[5]
-    out[5] = row[5]
-    return 0
+class Shared(NamedTuple):
+    """Two motions split into common time intervals, see `shared`.
+
+    common  number of common intervals
+    begins  interval of the first motion in which the overlap starts
+    alone   duration of this interval before the overlap, s
+    ends    interval of the second motion in which the overlap ends
+    rest    the remainder of that interval
+    """
+
+    common: int
+    begins: int
+    alone: float
+    ends: int
+    rest: Interval
 
 
 @kernel
 def shared(
-    one: Floats2, two: Floats2, lasts: float, last: Floats2, first: Floats2, rest: Floats
-) -> tuple[int, int, float, int]:
+    one: Records[Interval],
+    two: Records[Interval],
+    lasts: float,
+    last: Records[Interval],
+    first: Records[Interval],
+) -> Shared:
     """Split the last `lasts` seconds of one motion and the first `lasts` seconds of the other into common time
-    intervals; return their number.
+    intervals, written into `last` and `first`.
 
-    The other results are the interval of the first motion in which the overlap starts, its duration in s before the
-    overlap, and the interval of the second motion in which the overlap ends, whose remainder is `rest`.  Ends within
-    1e-12 of the overlap time are treated as simultaneous.
+    Ends within 1e-12 of the overlap time are treated as simultaneous.
     """
     # ends that differ by rounding only would leave intervals of almost no duration
     near = _SLIVER * lasts
@@ -295,58 +307,92 @@ def shared(
     left = lasts
     while m > 0 and left > near:
         m = m - 1
-        if left < one[m, 0] - near:
+        if left < one[m].duration - near:
             break
-        left = left - one[m, 0]
+        left = left - one[m].duration
     # the remainders of both current intervals, so that no digits are lost in long ones
-    left0 = left if left > near else one[m, 0]
+    left0 = left if left > near else one[m].duration
     begins = m
-    alone = one[m, 0] - left0
+    alone = one[m].duration - left0
     n = 0
-    left1 = two[0, 0]
+    left1 = two[0].duration
     count = 0
+    rest = Interval(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     while m < len(one) and n < len(two):
         h = min(left0, left1)
         if h > near:
-            _state_at(one[m], one[m, 0] - left0, h, last[count])
-            _state_at(two[n], two[n, 0] - left1, h, first[count])
+            last[count] = moved(one[m], one[m].duration - left0)._replace(duration=h)
+            first[count] = moved(two[n], two[n].duration - left1)._replace(duration=h)
             count = count + 1
         left0 = left0 - h
         left1 = left1 - h
         if left0 <= near:
             m = m + 1
-            left0 = one[m, 0] if m < len(one) else 0.0
+            left0 = one[m].duration if m < len(one) else 0.0
         if left1 <= near:
             n = n + 1
-            left1 = two[n, 0] if n < len(two) else 0.0
+            left1 = two[n].duration if n < len(two) else 0.0
     if n < len(two):
-        _state_at(two[n], two[n, 0] - left1, left1, rest)
-    return count, begins, alone, n
+        rest = moved(two[n], two[n].duration - left1)._replace(duration=left1)
+    return Shared(count, begins, alone, n, rest)
 
 
 def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[list[Part], Part]:
     """Overlap two runs by `lasts` s: return the parts until the first run ends, and the rest of the second run."""
     ends, begins = rows(one.motion), rows(two.motion)
-    last, first, rest = (np.zeros((len(ends) + len(begins), 6)) for _ in range(3))
-    count, m, alone, n = shared(ends, begins, lasts, last, first, rest[0])
-    entering = Entering(Pieces(*(array[:1] for array in two.pieces)), from_rows(first[:count], 0), tolerance)
+    last, first = (rows_for(Interval, len(ends) + len(begins)) for _ in range(2))
+    count, m, alone, n, rest = shared(ends, begins, lasts, last, first)
+    entering = Entering(part_of_pieces(two.pieces, 0, 1), from_rows(first[:count], 0), tolerance)
     k = len(one.pieces.length) - 1
-    leaves = [Part(Pieces(*(array[k:] for array in one.pieces)), from_rows(last[:count], 0), True, entering)]
-    before = Motion(*(array[: m + int(alone > 0.0)].copy() for array in one.motion))
+    leaves = [Part(part_of_pieces(one.pieces, k, k + 1), from_rows(last[:count], 0), True, entering)]
+    before = Motion._make([array[: m + int(alone > 0.0)].copy() for array in one.motion])
     if len(before.duration):
         before.duration[-1] = alone if alone > 0.0 else before.duration[-1]
         leaves.insert(0, one._replace(motion=before, ends=False))
-    behind = Motion(*(array[n:].copy() for array in two.motion))
+    behind = Motion._make([array[n:].copy() for array in two.motion])
     if len(behind.duration):
-        for column, value in zip([behind.duration, *behind[2:]], rest[0].tolist(), strict=True):
+        for column, value in zip([behind.duration, *behind[2:]], rest, strict=True):
             column[0] = value
     return leaves, two._replace(motion=behind)
 
 
-# indices into the description of a stretch, as in `straight`
-LENGTH, FASTEST, ACCELERATION, JERK, SNAP, HEAD, TAIL, NUMBERS = 0, 1, 2, 3, 4, 5, 10, 15
-WIDE, SHORT, JERK_SHARE, SNAP_SHARE = 1, 2, 3, 4  # offsets from the speed at the head and at the tail of a stretch
-ROWS = 40  # largest number of rows of its motion
+class Node(NamedTuple):
+    """The head or the tail of a stretch of a line.
+
+    speed        at the node, m/s
+    wide, short  boxcar widths w and s of the bump there, s; 0 without a bump: the stretch begins or ends with the node
+    jerk_share, snap_share  parts of the jerk and snap limits that the ramp to it may use
+    """
+
+    speed: float
+    wide: float = 0.0
+    short: float = 0.0
+    jerk_share: float = 1.0
+    snap_share: float = 1.0
+
+
+class LineStretch(NamedTuple):
+    """A stretch of a line between two nodes: its length (m), the highest speed (m/s), the limits of acceleration, jerk
+    and snap along it, and its ends.
+    """
+
+    length: float
+    fastest: float
+    acceleration: float
+    jerk: float
+    snap: float
+    head: Node
+    tail: Node
+
+
+class Ramps(NamedTuple):
+    """Both ramps of a stretch: from its head up to a peak speed, and down to its tail."""
+
+    up: Ramp
+    down: Ramp
+
+
+ROWS = 40  # largest number of time intervals of its motion
 _TRIES = 9  # largest number of trial speeds in a corner
 _NEAR = 0.005  # relative accuracy of this speed
 _PEAKS = 60  # largest number of trial peaks of a stretch
@@ -354,28 +400,28 @@ _FULL = 1e-9  # of its length need not be used by ramps
 
 
 @kernel
-def _phase(at: float, v: float, a: float, j: float, s: float, T: float, count: int, out: Floats2) -> int:
+def _phase(interval: Interval, count: int, out: Records[Interval]) -> int:
     """Append a time interval if its duration is positive."""
-    if T <= 0.0:
+    if interval.duration <= 0.0:
         return count
-    out[count] = T, at, v, a, j, s
+    out[count] = interval
     return count + 1
 
 
 @kernel
-def _ramp(low: float, rise: float, a: float, b: float, c: float, x: float, up: bool, count: int, out: Floats2) -> int:
+def _ramp(low: float, rise: float, ramp: Ramp, x: float, up: bool, count: int, out: Records[Interval]) -> int:
     """Append the phases of a ramp that starts at x."""
-    if rise <= 0.0 or a <= 0.0:
+    if rise <= 0.0 or ramp.L1 <= 0.0:
         return count
     sense = 1.0 if up else -1.0
-    jerk = rise / (b * c)
+    jerk = rise / (ramp.L2 * ramp.L3)
     v = low if up else low + rise
     acceleration = 0.0
     for number in range(7):
-        T, s = phase(number, rise, a, b, c)
+        T, s = phase(number, rise, ramp)
         s = sense * s
         j = sense * jerk_before(number, jerk)
-        count = _phase(x, v, acceleration, j, s, T, count, out)
+        count = _phase(Interval(T, x, v, acceleration, j, s), count, out)
         if T > 0.0:
             x = x + way(v, acceleration, j, s, T)
             v, acceleration = cubic(v, acceleration, j, s, T), acceleration + T * (j + 0.5 * T * s)
@@ -383,11 +429,12 @@ def _ramp(low: float, rise: float, a: float, b: float, c: float, x: float, up: b
 
 
 @kernel
-def _box(v: float, wide: float, short: float, out: Floats2) -> int:
+def _box(node: Node, out: Records[Interval]) -> int:
     """Write the five phases of the speed v H, from rest to v, where H is the smoothed unit step of the module
     docstring.
     """
-    k = v / (wide * wide * short)
+    _, wide, short, _, _ = node
+    k = node.speed / (wide * wide * short)
     x = 0.0
     u = 0.0
     a = 0.0
@@ -400,49 +447,43 @@ def _box(v: float, wide: float, short: float, out: Floats2) -> int:
         elif number == 2:
             s = -2.0 * k
         j = 0.0 if number == 0 else (k * short if number < 3 else -k * short)
-        out[number] = T, x, u, a, j, s
+        out[number] = Interval(T, x, u, a, j, s)
         x = x + way(u, a, j, s, T)
         u, a = cubic(u, a, j, s, T), a + T * (j + 0.5 * T * s)
     return 5
 
 
 @kernel
-def _ramps(stretch: Floats, peak: float) -> tuple[float, float, float, float, float, float]:
-    """Return the boxcar widths of both ramps of a stretch: from its head up to a peak speed, and down to its tail."""
-    v0 = stretch[HEAD]
-    v1 = stretch[TAIL]
-    A = stretch[ACCELERATION]
-    a, b, c = boxcars(
-        peak - v0, A, stretch[HEAD + JERK_SHARE] * stretch[JERK], stretch[HEAD + SNAP_SHARE] * stretch[SNAP]
+def _ramps(stretch: LineStretch, peak: float) -> Ramps:
+    """Return the ramps of a stretch with this peak speed."""
+    _, _, A, J, S, head, tail = stretch
+    return Ramps(
+        boxcars(peak - head.speed, A, head.jerk_share * J, head.snap_share * S),
+        boxcars(peak - tail.speed, A, tail.jerk_share * J, tail.snap_share * S),
     )
-    d, e, f = boxcars(
-        peak - v1, A, stretch[TAIL + JERK_SHARE] * stretch[JERK], stretch[TAIL + SNAP_SHARE] * stretch[SNAP]
-    )
-    return a, b, c, d, e, f
 
 
 @kernel
-def _used(stretch: Floats, peak: float) -> float:
+def _used(stretch: LineStretch, ramps: Ramps, peak: float) -> float:
     """Return the total distance covered by the two ramps of a stretch."""
-    a, b, c, d, e, f = _ramps(stretch, peak)
-    return 0.5 * ((stretch[HEAD] + peak) * (a + b + c) + (stretch[TAIL] + peak) * (d + e + f))
+    return 0.5 * ((stretch.head.speed + peak) * duration(ramps.up) + (stretch.tail.speed + peak) * duration(ramps.down))
 
 
 @kernel
-def _peak(stretch: Floats) -> float:
+def _peak(stretch: LineStretch) -> float:
     """Return the highest speed of a stretch, or 0 if no motion is possible."""
-    length = stretch[LENGTH]
-    low = max(stretch[HEAD], stretch[TAIL])
-    high = stretch[FASTEST]
+    length = stretch.length
+    low = max(stretch.head.speed, stretch.tail.speed)
+    high = stretch.fastest
     if low > high:
         return 0.0
-    used = _used(stretch, high)
+    used = _used(stretch, _ramps(stretch, high), high)
     if used <= length:
         return high
     over = used - length
     under = -length
     if low > 0.0:
-        used = _used(stretch, low)
+        used = _used(stretch, _ramps(stretch, low), low)
         under = used - length
         if under > 0.0:
             return 0.0
@@ -454,7 +495,7 @@ def _peak(stretch: Floats) -> float:
         peak = low - under * (high - low) / (over - under)
         if peak <= low or peak >= high:
             peak = 0.5 * (low + high)
-        used = _used(stretch, peak)
+        used = _used(stretch, _ramps(stretch, peak), peak)
         if used > length:
             high = peak
             over = used - length
@@ -469,75 +510,73 @@ def _peak(stretch: Floats) -> float:
 
 
 @kernel
-def _duration(stretch: Floats, peak: float) -> float:
+def _duration(stretch: LineStretch, peak: float) -> float:
     """Return the duration in s of the motion on a stretch with this peak speed, bumps included, or 0 if there is no
     motion.
     """
     if peak <= 0.0:
         return 0.0
-    a, b, c, d, e, f = _ramps(stretch, peak)
-    total = a + b + c + d + e + f + (stretch[LENGTH] - _used(stretch, peak)) / peak
-    return total + stretch[HEAD + WIDE] + stretch[TAIL + WIDE] + 0.5 * (stretch[HEAD + SHORT] + stretch[TAIL + SHORT])
+    ramps = _ramps(stretch, peak)
+    head = stretch.head
+    tail = stretch.tail
+    # from left to right: the sum of both durations would round otherwise
+    total = ramps.up.L1 + ramps.up.L2 + ramps.up.L3 + ramps.down.L1 + ramps.down.L2 + ramps.down.L3
+    total = total + (stretch.length - _used(stretch, ramps, peak)) / peak
+    return total + head.wide + tail.wide + 0.5 * (head.short + tail.short)
 
 
 @kernel
-def straight(stretch: Floats, out: Floats2) -> int:
-    """Write the time-optimal motion on a stretch as rows of duration, x and initial u' .. u''''; return their number,
-    or 0 if there is no such motion.
-
-    The entries of `stretch` are: length, highest speed; acceleration, jerk and snap limits along the line; for head and
-    tail the speed at the node, the boxcar widths w and s of the bump there (0 without a bump: the stretch then begins
-    or ends with the node), and the fractions of the jerk and snap limits that the ramp to it may use.
+def straight(stretch: LineStretch, out: Records[Interval]) -> int:
+    """Write the time-optimal motion on a stretch into `out`; return the number of time intervals, or 0 if there is no
+    such motion.
     """
     return _rows(stretch, _peak(stretch), out)
 
 
 @kernel
-def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
-    """Write the motion with a given peak speed; return the number of rows, or 0 if there is no motion."""
-    length = stretch[LENGTH]
-    v0 = stretch[HEAD]
-    v1 = stretch[TAIL]
+def _rows(stretch: LineStretch, peak: float, out: Records[Interval]) -> int:
+    """Write the motion with a given peak speed; return the number of time intervals, or 0 if there is no motion."""
+    length = stretch.length
+    v0 = stretch.head.speed
+    v1 = stretch.tail.speed
     if peak <= 0.0:
         return 0
-    a, b, c, d, e, f = _ramps(stretch, peak)
-    base = zeros(20, 6)
-    h0 = stretch[HEAD + WIDE] + 0.5 * stretch[HEAD + SHORT]
-    h1 = stretch[TAIL + WIDE] + 0.5 * stretch[TAIL + SHORT]
-    count = _phase(-v0 * h0, v0, 0.0, 0.0, 0.0, h0, 0, base)
-    count = _ramp(v0, peak - v0, a, b, c, 0.0, True, count, base)
-    rise = 0.5 * (v0 + peak) * (a + b + c)
-    fall = 0.5 * (v1 + peak) * (d + e + f)
-    count = _phase(rise, peak, 0.0, 0.0, 0.0, (length - fall - rise) / peak, count, base)
-    count = _ramp(v1, peak - v1, d, e, f, length - fall, False, count, base)
-    count = _phase(length, v1, 0.0, 0.0, 0.0, h1, count, base)
-    head = zeros(5, 6)
-    tail = zeros(5, 6)
+    up, down = _ramps(stretch, peak)
+    base = records(Interval, 20)
+    h0 = stretch.head.wide + 0.5 * stretch.head.short
+    h1 = stretch.tail.wide + 0.5 * stretch.tail.short
+    count = _phase(Interval(h0, -v0 * h0, v0, 0.0, 0.0, 0.0), 0, base)
+    count = _ramp(v0, peak - v0, up, 0.0, True, count, base)
+    rise = 0.5 * (v0 + peak) * duration(up)
+    fall = 0.5 * (v1 + peak) * duration(down)
+    count = _phase(Interval((length - fall - rise) / peak, rise, peak, 0.0, 0.0, 0.0), count, base)
+    count = _ramp(v1, peak - v1, down, length - fall, False, count, base)
+    count = _phase(Interval(h1, length, v1, 0.0, 0.0, 0.0), count, base)
+    head = records(Interval, 5)
+    tail = records(Interval, 5)
     heads = 0
     tails = 0
     if h0 > 0.0:
-        heads = _box(v0, stretch[HEAD + WIDE], stretch[HEAD + SHORT], head)
+        heads = _box(stretch.head, head)
     if h1 > 0.0:
-        tails = _box(v1, stretch[TAIL + WIDE], stretch[TAIL + SHORT], tail)
+        tails = _box(stretch.tail, tail)
     # the base is split where the tail begins: times from the start of a long interval have too few digits at its end
     first = count
     left = 2.0 * h1
     while first > 0 and left > 0.0:
         first = first - 1
-        if left < base[first, 0]:
+        whole = base[first]
+        if left < whole.duration:
             for k in range(count - first):
-                m = count - k
-                for i in range(6):
-                    base[m, i] = base[m - 1, i]
+                base[count - k] = base[count - k - 1]
             count = count + 1
-            x, v, u, j, s = base[first, 1], base[first, 2], base[first, 3], base[first, 4], base[first, 5]
-            t = base[first, 0] - left
-            base[first, 0] = t
+            t = whole.duration - left
+            base[first] = whole._replace(duration=t)
             first = first + 1
-            base[first] = left, x + way(v, u, j, s, t), cubic(v, u, j, s, t), u + t * (j + 0.5 * t * s), j + t * s, s
+            base[first] = moved(whole, t)._replace(duration=left)
             left = 0.0
         else:
-            left = left - base[first, 0]
+            left = left - whole.duration
     # base, head and tail are added interval by interval; times from the start of each phase keep their digits
     near = 1e-12 * (h0 + h1)
     p = 0
@@ -550,56 +589,45 @@ def _rows(stretch: Floats, peak: float, out: Floats2) -> int:
     m = 0
     while m < count:
         runs = m >= first
-        h = base[m, 0] - tb
+        h = base[m].duration - tb
         if p < heads:
-            h = min(h, head[p, 0] - th)
+            h = min(h, head[p].duration - th)
         if q < tails and runs:
-            h = min(h, tail[q, 0] - tt)
+            h = min(h, tail[q].duration - tt)
         if h > near:
-            x = base[m, 1] + way(base[m, 2], base[m, 3], base[m, 4], base[m, 5], tb)
-            v = cubic(base[m, 2], base[m, 3], base[m, 4], base[m, 5], tb)
-            u = base[m, 3] + tb * (base[m, 4] + 0.5 * tb * base[m, 5])
-            j = base[m, 4] + tb * base[m, 5]
-            s = base[m, 5]
+            _, x, v, u, j, s = moved(base[m], tb)
             if p < heads:
-                x = x + v0 * (h0 - since) + (head[p, 1] + way(head[p, 2], head[p, 3], head[p, 4], head[p, 5], th))
-                v = v - v0 + cubic(head[p, 2], head[p, 3], head[p, 4], head[p, 5], th)
-                u = u + (head[p, 3] + th * (head[p, 4] + 0.5 * th * head[p, 5]))
-                j = j + (head[p, 4] + th * head[p, 5])
-                s = s + head[p, 5]
+                _, more, speed, acceleration, jerk, snap = moved(head[p], th)
+                x = x + v0 * (h0 - since) + more
+                v = v - v0 + speed
+                u = u + acceleration
+                j = j + jerk
+                s = s + snap
             if q < tails and runs:
-                x = x - (tail[q, 1] + way(tail[q, 2], tail[q, 3], tail[q, 4], tail[q, 5], tt))
-                v = v - cubic(tail[q, 2], tail[q, 3], tail[q, 4], tail[q, 5], tt)
-                u = u - (tail[q, 3] + tt * (tail[q, 4] + 0.5 * tt * tail[q, 5]))
-                j = j - (tail[q, 4] + tt * tail[q, 5])
-                s = s - tail[q, 5]
-            out[written] = h, x, v, u, j, s
+                _, more, speed, acceleration, jerk, snap = moved(tail[q], tt)
+                x = x - more
+                v = v - speed
+                u = u - acceleration
+                j = j - jerk
+                s = s - snap
+            out[written] = Interval(h, x, v, u, j, s)
             written = written + 1
         since = since + h
         tb = tb + h
-        if base[m, 0] - tb <= near:
+        if base[m].duration - tb <= near:
             m = m + 1
             tb = 0.0
         if p < heads:
             th = th + h
-            if head[p, 0] - th <= near:
+            if head[p].duration - th <= near:
                 p = p + 1
                 th = 0.0
         if q < tails and runs:
             tt = tt + h
-            if tail[q, 0] - tt <= near:
+            if tail[q].duration - tt <= near:
                 q = q + 1
                 tt = 0.0
     return written
-
-
-@kernel
-def lasting(rows: Floats2, count: int) -> float:
-    """Return the total duration of the first `count` rows, s."""
-    total = 0.0
-    for k in range(count):
-        total = total + rows[k, 0]
-    return total
 
 
 @kernel
@@ -616,51 +644,58 @@ def width(away: float, short: float) -> tuple[float, float]:
     return w, short
 
 
+class Before(NamedTuple):
+    """The end of the run that overlaps with the begin of a stretch for `lasts` seconds, and the tolerance of the corner
+    between them, m; with 0 seconds there is none.
+    """
+
+    end: End
+    lasts: float
+    tolerance: float
+
+
+_NODE = Node(0.0)
+
+
 @kernel
 def bump(
-    one: Floats,
-    direction0: Floats,
-    most0: Floats2,
-    two: Floats,
-    direction1: Floats,
-    most1: Floats2,
-    before: Floats2,
-    before_length: float,
-    before_direction: Floats,
-    before_most: Floats2,
-    lasts: float,
-    before_tolerance: float,
-    before_feed: float,
+    one: LineStretch,
+    end: End,
+    two: LineStretch,
+    begin: End,
+    before: Before,
     half: bool,
     tolerance: float,
-    limits: Floats2,
-    feed: float,
+    limits: Records[Limits],
     quickest: float,
-    rows0: Floats2,
-    rows1: Floats2,
-    result: Floats,
-) -> tuple[int, int]:
-    """Find the fastest bump between two stretches; write both motions into `rows0` and `rows1`, and the speed, the
-    boxcar widths w and s and the ramp fractions of the bump into `result`; return the numbers of rows.
+    rows0: Records[Interval],
+    rows1: Records[Interval],
+) -> tuple[int, int, Node]:
+    """Find the fastest bump between two stretches; write both motions into `rows0` and `rows1`, and return the numbers
+    of their time intervals and the node in the corner.
 
-    `before` overlaps with the first stretch for `lasts` seconds.  Both numbers are 0 if no bump brings the total time
-    of both stretches below `quickest` s; with `half`, half of the second stretch remains free for the following corner.
+    `end` and `begin` have the directions and bounds of the stretches.  `before` overlaps with the first stretch.  Both
+    numbers are 0 if no bump brings the total time of both stretches below `quickest` s; with `half`, half of the second
+    stretch remains free for the following corner.
 
-    With d = tolerance/|t1 - t0| and w = 6 d/v the jerk of the bump is v |t1 - t0|/w². Of this jerk the ramps cancel
+    With d = tolerance/|t1 - t0| and w = 6 d/v the jerk of the bump is v |t1 - t0|/w².  Of this jerk the ramps cancel
     less than 1.2 j, where j is the jerk limit, so v³ is at most 2.2 · 36 J d², with J the least j/|t1 - t0| of the
     axes.
     """
     gap = 0.0
     jerk = 1e300
     for i in range(len(limits)):
-        g = abs(direction1[i] - direction0[i])
+        g = abs(begin.direction[i] - end.direction[i])
         gap = gap + g * g
-        if g * jerk > limits[i, 2]:
-            jerk = limits[i, 2] / g
+        if g * jerk > limits[i].jerk:
+            jerk = limits[i].jerk / g
+    best_node = _NODE
     if gap <= 1e-18:
-        return 0, 0
+        return 0, 0, best_node
     near = tolerance * BELOW / sqrt(gap)
-    fastest = min(min(one[FASTEST], two[FASTEST]), cube_root(79.2 * jerk * near * near))
+    fastest = min(min(one.fastest, two.fastest), cube_root(79.2 * jerk * near * near))
+    feed = max(end.feed, begin.feed)
+    before_feed = max(before.end.feed, end.feed)
     best = quickest
     ours = 0.0
     reached = 0.0
@@ -675,16 +710,11 @@ def bump(
         v = fastest
         for again in range(_TRIES):
             # the snap of a bump is twice its jerk over s: at the limit of the jerk half of that of the snap
-            short = 4.0 * one[JERK] / one[SNAP]
-            w, short = width(near / v, short)
-            one[TAIL] = v
-            one[TAIL + WIDE] = w
-            one[TAIL + SHORT] = short
-            one[TAIL + JERK_SHARE] = share
+            w, short = width(near / v, 4.0 * one.jerk / one.snap)
             # the snaps of ramp and bump add up in the corner
-            one[TAIL + SNAP_SHARE] = 0.5
-            for k in range(5):
-                two[HEAD + k] = one[TAIL + k]
+            node = Node(v, w, short, share, 0.5)
+            one = one._replace(tail=node)
+            two = two._replace(head=node)
             good = False
             excess = 1.0  # largest share of a limit; 1 if unknown
             both = 2.0 * w + short
@@ -693,36 +723,21 @@ def bump(
             time0 = _duration(one, peak0)
             time1 = _duration(two, peak1)
             time = time0 + time1 - both
-            n = 0
-            m = 0
             slower = time0 > 0.0 and time1 > 0.0 and time >= best
             if time0 > 0.0 and time1 > 0.0 and not slower:
                 n = _rows(one, peak0, rows0)
                 m = _rows(two, peak1, rows1)
                 good = n > 0 and m > 0
-                good = good and both <= time0 - lasts and both <= (0.5 * time1 if half else time1)
+                good = good and both <= time0 - before.lasts and both <= (0.5 * time1 if half else time1)
+                end = end._replace(motion=rows0, used=n, length=one.length)
+                begin = begin._replace(motion=rows1, used=m)
             if good:
-                most, away = together(
-                    rows0, n, one[LENGTH], direction0, most0, rows1, m, direction1, most1, both, limits, feed
-                )
+                most, away = together(end, begin, both, limits, feed)
                 good = most <= 1.0 + 1e-10 and away <= tolerance
                 excess = most
-            if good and lasts > 0.0:
-                most, away = together(
-                    before,
-                    len(before),
-                    before_length,
-                    before_direction,
-                    before_most,
-                    rows0,
-                    n,
-                    direction0,
-                    most0,
-                    lasts,
-                    limits,
-                    before_feed,
-                )
-                good = most <= 1.0 + 1e-10 and away <= before_tolerance
+            if good and before.lasts > 0.0:
+                most, away = together(before.end, end, before.lasts, limits, before_feed)
+                good = most <= 1.0 + 1e-10 and away <= before.tolerance
                 excess = most
             if slower or good:
                 low = v  # lower speeds are slower as well
@@ -730,8 +745,7 @@ def bump(
                     reached = v
                     best = time
                     ours = time
-                    for k in range(5):
-                        result[k] = one[TAIL + k]
+                    best_node = node
             else:
                 farther = high * high * high
                 more = above
@@ -751,30 +765,13 @@ def bump(
                 if v <= 0.9 * low:
                     break
                 v = max(v, 0.5 * (low + high)) if v <= low else v
-    n = 0
-    m = 0
-    if ours > 0.0:
-        for k in range(5):
-            one[TAIL + k] = result[k]
-            two[HEAD + k] = result[k]
-        n = straight(one, rows0)
-        m = straight(two, rows1)
-    return n, m
+    if ours <= 0.0:
+        return 0, 0, best_node
+    return straight(one._replace(tail=best_node), rows0), straight(two._replace(head=best_node), rows1), best_node
 
 
 _SLOWED = (0.93, 0.85)  # shares of the jerk
 _SHORTEST = 1e-4  # s of overlap; less does not justify separate parts
-
-
-class _End(NamedTuple):
-    """The end of a run at a corner: the motion on one piece of its path, its direction at the corner and its bounds."""
-
-    rows: np.ndarray
-    lasts: float  # s
-    length: float
-    feed: float
-    direction: np.ndarray
-    most: np.ndarray
 
 
 class _Stretch(NamedTuple):
@@ -784,7 +781,7 @@ class _Stretch(NamedTuple):
 
     first: int
     last: int
-    numbers: np.ndarray  # as in `straight`
+    line: LineStretch
 
 
 class _Run(NamedTuple):
@@ -797,7 +794,7 @@ class _Run(NamedTuple):
     part: Part
     tolerance: float  # of the corner in which it ends, m
     whole: _Stretch | None
-    seen: _End | None = None
+    seen: End | None = None
     lasts: float = 0.0  # s
     corner: float = 0.0  # tolerance of that corner
 
@@ -849,16 +846,14 @@ class Crossings:
         pieces = section.pieces
         if not section.ends or len(pieces.length) != 1 or pieces.kind[0] != LINE:
             return None
-        numbers, motion_rows = self._numbers(pieces, 0, float(pieces.length[0]), 0.0, 0.0), np.zeros((ROWS, 6))
-        count = straight(numbers, motion_rows)
+        length, rest = float(pieces.length[0]), Node(0.0)
+        line, motion_rows = self._stretch(pieces, 0, length, rest, rest), rows_for(Interval, ROWS)
+        count = straight(line, motion_rows)
         if not count:
             return None
-        motion_rows = motion_rows[:count]
-        length, feed = float(pieces.length[0]), float(pieces.feed[0])
-        direction, most = pieces.shape[0, :, 1] / length, np.zeros((len(self._limits), 4))
-        most[:, 0] = np.abs(direction)
-        seen = _End(motion_rows, float(np.sum(motion_rows[:, 0])), length, feed, direction, most)
-        return _Run(Part(pieces, from_rows(motion_rows, 0), True), section.tolerance, _Stretch(0, count, numbers), seen)
+        motion = from_rows(motion_rows[:count], 0)
+        seen = End(motion_rows, count, _time(motion), length, float(pieces.feed[0]), *_along_line(pieces, 0))
+        return _Run(Part(pieces, motion, True), section.tolerance, _Stretch(0, count, line), seen)
 
     def _fix(self, run: _Run) -> list[Part]:
         """Make the motion of a run final; return the parts that are now final."""
@@ -873,27 +868,12 @@ class Crossings:
     def _stopped(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
         """Return both runs with unchanged motions and their longest overlap."""
         end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
-        feed = max(end.feed, begin.feed)
         # half of a run in a single part is reserved for the corner at its other end
         share = 0.5 if two.part.ends else 1.0
         longest = min(end.lasts, begin.lasts, share * _time(two.part.motion), _time(one.part.motion) - one.lasts) * (
             1.0 - 1e-6
         )
-        lasts = overlap(
-            end.rows,
-            len(end.rows),
-            end.length,
-            end.direction,
-            end.most,
-            begin.rows,
-            len(begin.rows),
-            begin.direction,
-            begin.most,
-            longest,
-            one.tolerance,
-            self._limits,
-            feed,
-        )
+        lasts = overlap(end, begin, longest, one.tolerance, self._limits)
         return one, two._replace(lasts=lasts if lasts >= _SHORTEST else 0.0, corner=one.tolerance)
 
     def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
@@ -903,105 +883,83 @@ class Crossings:
         head = two.whole or self._head(two.part)
         if tail is not None and head is not None:
             end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
-            return self._bump(one, end, tail, two, begin, head, best[1].lasts, max(end.feed, begin.feed)) or best
+            _, overlapping = best
+            return self._bump(one, end, tail, two, begin, head, overlapping.lasts) or best
         # next to an arc a slower ramp on the line leaves room for the derivatives that curvature adds on its axes
         for share in _SLOWED if (tail is None) != (head is None) else ():
-            slowed = self._slowed(one, tail, TAIL, share), self._slowed(two, head, HEAD, share)
-            if slowed[0] and slowed[1]:
-                stopped = self._stopped(slowed[0], slowed[1])
-                if _together(stopped) < _together(best) and self._holds(stopped[0]):
+            before, after = self._slowed(one, tail, True, share), self._slowed(two, head, False, share)
+            if before and after:
+                stopped = self._stopped(before, after)
+                if _together(stopped) < _together(best) and self._holds(before):
                     best = stopped
         return best
 
-    def _slowed(self, run: _Run, stretch: _Stretch | None, at: int, share: float) -> _Run | None:
-        """Return the run with a slower ramp on the line at the corner: its jerk limit is multiplied by `share`, its
-        snap limit by `share`².
+    def _slowed(self, run: _Run, stretch: _Stretch | None, tail: bool, share: float) -> _Run | None:
+        """Return the run with a slower ramp on the line at the corner, which is its `tail` or its head: its jerk limit
+        is multiplied by `share`, its snap limit by `share`².
 
         A run without such a stretch is returned unchanged; the result is None if no motion is possible.
         """
         if stretch is None:
             return run
-        numbers, motion_rows = stretch.numbers.copy(), np.zeros((ROWS, 6))
-        numbers[[at + JERK_SHARE, at + SNAP_SHARE]] = share, share * share
-        count = straight(numbers, motion_rows)
+        line, motion_rows = stretch.line, rows_for(Interval, ROWS)
+        node = (line.tail if tail else line.head)._replace(jerk_share=share, snap_share=share * share)
+        line = line._replace(tail=node) if tail else line._replace(head=node)
+        count = straight(line, motion_rows)
         if not count:
             return None
-        k = len(run.part.pieces.length) - 1 if at == TAIL else 0
-        part = run.part._replace(motion=_spliced(stretch, run.part.motion, k, motion_rows[:count]))
+        k = len(run.part.pieces.length) - 1 if tail else 0
+        motion = _spliced(stretch, run.part.motion, k, motion_rows[:count])
+        run = run._replace(part=run.part._replace(motion=motion))
         if not run.whole:
-            return run._replace(part=part)
-        return run._replace(part=part, whole=_Stretch(0, count, numbers), seen=_made(run.seen, motion_rows[:count]))
+            return run
+        return run._replace(whole=_Stretch(0, count, line), seen=_made(run.seen, motion_rows[:count], motion))
 
     def _holds(self, run: _Run) -> bool:
         """Return True if a replanned run still satisfies limits and tolerance in its overlap with the previous one."""
         if run.lasts == 0.0 or self._fixed is None:
             return True
         end, begin = _end(self._fixed, True), run.seen or _end(run.part, False)
-        share, away = together(
-            end.rows,
-            len(end.rows),
-            end.length,
-            end.direction,
-            end.most,
-            begin.rows,
-            len(begin.rows),
-            begin.direction,
-            begin.most,
-            run.lasts,
-            self._limits,
-            max(end.feed, begin.feed),
-        )
+        share, away = together(end, begin, run.lasts, self._limits, max(end.feed, begin.feed))
         return share <= 1.0 + 1e-10 and away <= run.corner
 
     def _bump(
-        self, one: _Run, end: _End, tail: _Stretch, two: _Run, begin: _End, head: _Stretch, lasts: float, feed: float
+        self, one: _Run, end: End, tail: _Stretch, two: _Run, begin: End, head: _Stretch, lasts: float
     ) -> tuple[_Run, _Run] | None:
         """Return both runs with a bump if that is faster than an overlap of `lasts` seconds, or None otherwise."""
         motion0, motion1 = one.part.motion, two.part.motion
         quickest = _time(motion0, tail) + _time(motion1, head) - lasts
-        numbers0, numbers1 = tail.numbers.copy(), head.numbers.copy()
         # a run along one line is planned anew as a whole, so that its overlap with the run before must be checked again
-        again = one.whole is not None and one.lasts > 0.0 and self._fixed is not None
-        before = _end(self._fixed, True) if again and self._fixed else end
-        result, rows0, rows1 = np.zeros(5), np.zeros((ROWS, 6)), np.zeros((ROWS, 6))
-        count0, count1 = bump(
-            numbers0,
-            end.direction,
-            end.most,
-            numbers1,
-            begin.direction,
-            begin.most,
-            before.rows,
-            before.length,
-            before.direction,
-            before.most,
-            one.lasts if again else 0.0,
-            one.corner,
-            max(before.feed, end.feed),
+        before = Before(end, 0.0, one.corner)
+        if one.whole is not None and one.lasts > 0.0 and self._fixed is not None:
+            before = Before(_end(self._fixed, True), one.lasts, one.corner)
+        rows0, rows1 = rows_for(Interval, ROWS), rows_for(Interval, ROWS)
+        count0, count1, node = bump(
+            tail.line,
+            end,
+            head.line,
+            begin,
+            before,
             two.whole is not None,
             one.tolerance,
             self._limits,
-            feed,
             quickest,
             rows0,
             rows1,
-            result,
         )
         if not count0:
             return None
         n = len(one.part.pieces.length) - 1
         rows0, rows1 = rows0[:count0], rows1[:count1]
         made0, made1 = _spliced(tail, motion0, n, rows0), _spliced(head, motion1, 0, rows1)
-        whole = _Stretch(0, count1, numbers1) if two.whole else None
-        lasts = 2.0 * float(result[WIDE]) + float(result[SHORT])
         run = two._replace(
             part=two.part._replace(motion=made1),
-            whole=whole,
-            seen=_made(two.seen, rows1),
-            lasts=lasts,
+            whole=_Stretch(0, count1, head.line._replace(head=node)) if two.whole else None,
+            seen=_made(two.seen, rows1, made1),
+            lasts=2.0 * node.wide + node.short,
             corner=one.tolerance,
         )
-        return one._replace(part=one.part._replace(motion=made0), seen=_made(one.seen, rows0)), run
+        return one._replace(part=one.part._replace(motion=made0), seen=_made(one.seen, rows0, made0)), run
 
     def _tail(self, part: Part) -> _Stretch | None:
         """Return the stretch from the first node on the last piece to the stop."""
@@ -1011,7 +969,8 @@ class Crossings:
             return None
         m = int(nodes[0])
         length = float(part.pieces.length[last]) - float(motion.x[m])
-        return _Stretch(m, len(motion.piece), self._numbers(part.pieces, last, length, float(motion.speed[m]), 0.0))
+        line = self._stretch(part.pieces, last, length, Node(float(motion.speed[m])), Node(0.0))
+        return _Stretch(m, len(motion.piece), line)
 
     def _head(self, part: Part) -> _Stretch | None:
         """Return the stretch from rest to the last node on the first piece."""
@@ -1020,27 +979,26 @@ class Crossings:
         m = int(nodes[-1]) if len(nodes) else 0
         if not m or part.pieces.kind[0] != LINE:
             return None
-        return _Stretch(0, m, self._numbers(part.pieces, 0, float(motion.x[m]), 0.0, float(motion.speed[m])))
+        line = self._stretch(part.pieces, 0, float(motion.x[m]), Node(0.0), Node(float(motion.speed[m])))
+        return _Stretch(0, m, line)
 
-    def _numbers(self, pieces: Pieces, k: int, length: float, begin: float, end: float) -> np.ndarray:
-        """Return the parameters of a stretch of a line from node to node, as for `straight`."""
+    def _stretch(self, pieces: Pieces, k: int, length: float, head: Node, tail: Node) -> LineStretch:
+        """Return a stretch of a line from node to node, as for `straight`."""
         # an axis that does not move sets no limit, and must not divide by zero
-        slope = np.maximum(np.abs(pieces.shape[k, :, 1]) / float(pieces.length[k]), 1e-200)
-        numbers = np.zeros(NUMBERS)
-        numbers[FASTEST : SNAP + 1] = np.min(self._limits / slope[:, None], axis=0) * (1.0 - 1e-12)
-        numbers[FASTEST] = min(numbers[FASTEST], float(pieces.feed[k]) / float(np.sqrt(slope @ slope)))
-        numbers[LENGTH], numbers[HEAD], numbers[TAIL] = length, begin, end
-        numbers[[end + share for end in (HEAD, TAIL) for share in (JERK_SHARE, SNAP_SHARE)]] = 1.0
-        return numbers
+        slope = np.maximum(np.abs(direction(pieces, k)), 1e-200)
+        fastest, a, j, s = (np.min(self._limits / slope[:, None], axis=0) * (1.0 - 1e-12)).tolist()
+        fastest = min(fastest, float(pieces.feed[k]) / float(np.sqrt(slope @ slope)))
+        return LineStretch(length, fastest, a, j, s, head, tail)
 
 
 def _together(both: tuple[_Run, _Run]) -> float:
     """Return the total duration of both runs, s."""
-    return _time(both[0].part.motion) + _time(both[1].part.motion) - both[1].lasts
+    one, two = both
+    return _time(one.part.motion) + _time(two.part.motion) - two.lasts
 
 
 def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
-    return float(np.sum(motion.duration[stretch.first : stretch.last] if stretch else motion.duration))
+    return float((motion.duration[stretch.first : stretch.last] if stretch else motion.duration).sum())
 
 
 def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Motion:
@@ -1048,15 +1006,18 @@ def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Moti
     if stretch.first == 0 and stretch.last == len(motion.duration):
         return from_rows(new, k, float(motion.x[0]))
     parts = zip(motion, from_rows(new, k, float(motion.x[stretch.first])), strict=True)
-    return Motion(*(np.concatenate([old[: stretch.first], middle, old[stretch.last :]]) for old, middle in parts))
+    return Motion._make([np.concatenate([old[: stretch.first], middle, old[stretch.last :]]) for old, middle in parts])
 
 
-def _made(seen: _End | None, new: np.ndarray) -> _End | None:
-    """Return the end of a run with its motion replaced by the rows `new`, or None if there is no such end."""
-    return seen._replace(rows=new, lasts=float(np.sum(new[:, 0]))) if seen else None
+def _made(seen: End | None, new: np.ndarray, motion: Motion) -> End | None:
+    """Return the end of a run along a line with its motion replaced, or None if there is no such end.
+
+    `new` has the time intervals of `motion`.
+    """
+    return seen._replace(motion=new, used=len(new), lasts=_time(motion)) if seen else None
 
 
-def _end(part: Part, last: bool) -> _End:
+def _end(part: Part, last: bool) -> End:
     """Return the end of a part at a corner: on its last piece if `last`, otherwise on its first."""
     pieces, on = part.pieces, part.motion
     k = len(pieces.length) - 1 if last else 0
@@ -1066,14 +1027,22 @@ def _end(part: Part, last: bool) -> _End:
             m = int(np.flatnonzero(inside)[-1])  # it may continue on the next piece
             there = on.x[m] + way(*(float(column[m]) for column in (*on[3:], on.duration)))
             inside[m] = inside.all() and there <= pieces.length[k]
-        on = Motion(*(column[inside] for column in on))
-    kind, length, shape = int(pieces.kind[k]), float(pieces.length[k]), pieces.shape[k]
-    most, direction = np.zeros((len(shape), 4)), shape[:, 1] / length
-    if kind == LINE:
-        most[:, 0] = np.abs(direction)
-    else:
-        r = np.zeros((len(shape), 5))
-        derivatives(kind, length, shape, length if last else 0.0, r)
-        direction = r[:, 1].copy()
-        bounds(kind, length, shape, most)
-    return _End(rows(on), float(np.sum(on.duration)), length, float(pieces.feed[k]), direction, most)
+        on = Motion._make([column[inside] for column in on])
+    length, feed = float(pieces.length[k]), float(pieces.feed[k])
+    if pieces.kind[k] == LINE:
+        return End(rows(on), len(on.duration), _time(on), length, feed, *_along_line(pieces, k))
+    piece = piece_of(pieces, k)
+    axes = len(piece.shape)
+    most, r = rows_for(Slopes, axes), rows_for(Derivatives, axes)
+    bounds(piece, most)
+    derivatives(*piece, length if last else 0.0, r)
+    along = np.array(by_field(Derivatives, r).first)
+    return End(rows(on), len(on.duration), _time(on), length, feed, along, most)
+
+
+def _along_line(pieces: Pieces, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return direction and bounds of a line."""
+    along = direction(pieces, k)
+    most = rows_for(Slopes, len(along))
+    np.abs(along, out=np.asarray(by_field(Slopes, most).M1))
+    return along, most

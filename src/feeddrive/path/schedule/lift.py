@@ -7,13 +7,27 @@ and is faster; otherwise the original plan is kept.
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import cast
 
 import numpy as np
 
-from feeddrive.path.motion import LINE, Motion, Part, Pieces, cubic, one_after_the_other, part_of_pieces, way
-from feeddrive.path.proof import DERIVATIVES, faults_of
+from feeddrive.language.kernels.source import by_field, rows_for
+from feeddrive.path.motion import (
+    LINE,
+    Derivatives,
+    Limits,
+    Motion,
+    Part,
+    Pieces,
+    cubic,
+    one_after_the_other,
+    part_of_pieces,
+    way,
+)
+from feeddrive.path.proof import DERIVATIVES, Broken, faults_of
 from feeddrive.path.schedule import spline
+from feeddrive.path.schedule.ramp import Slopes
+from feeddrive.path.schedule.spline import Basis, Points, Rates, Reached, Room, State
 
 # less reserve fails more proofs and costs more rounds, more reserve costs time of the motion
 SHARES = (1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at the points: the rest is for the motion between them
@@ -38,18 +52,6 @@ _HUMP = 15  # number of time intervals of a ramp up, a plateau and a ramp down
 _LEAST = 100  # least number of time intervals lifted together, except at the end of a run
 _LITTLE = 0.007  # of the time around a ramp: least saving on a straight path; lifting gains at most 0.7 of that
 _TOP = 0.995  # of the speed allowed by feed and velocity limits: such a plateau is kept
-
-
-class _Points(NamedTuple):
-    """The points at which `quickest` evaluates the limits; see `points`."""
-
-    span: np.ndarray
-    row: np.ndarray
-    r: np.ndarray
-    most: np.ndarray
-    full: np.ndarray
-    weight: np.ndarray
-    away: np.ndarray
 
 
 class Lifter:
@@ -108,7 +110,7 @@ class _Path:
         self._pieces, self._limits = pieces, limits
         self._begin = np.concatenate([[0.0], np.cumsum(pieces.length)])
         self.top = np.zeros(n)
-        spline.tops(pieces.kind, pieces.length, pieces.shape, pieces.feed, limits, self.top, np.zeros((axes, 4)))
+        spline.tops(pieces, limits, self.top, rows_for(Slopes, axes))
 
     def gain(self, motion: Motion, first: int, last: int) -> float:
         """Return the largest time that may be saved in a section, s: the result of `ramp_gain` for a ramp, otherwise
@@ -116,8 +118,8 @@ class _Path:
         """
         if last - first > _HUMP // 2:
             return np.inf
-        pieces, room = self._pieces, np.zeros((len(self._limits), 5))
-        return spline.ramp_gain(pieces.kind, pieces.length, pieces.shape, self._limits, *motion, first, last, room)
+        room = rows_for(Derivatives, len(self._limits))
+        return spline.ramp_gain(self._pieces, self._limits, motion, first, last, room)
 
     def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> Motion | None:
         """Return a faster, proven motion between the same states, or None; it may begin or end at rest.
@@ -138,7 +140,7 @@ class _Path:
             return None
         return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))])
 
-    def _between(self, motion: Motion, end: np.ndarray, spans: int) -> Motion | None:
+    def _between(self, motion: Motion, end: State, spans: int) -> Motion | None:
         """Return a faster, proven motion, as `lifted` does, for a motion that is at rest at neither end; `end` is
         u' .. u''' at the end of the motion.
         """
@@ -150,9 +152,9 @@ class _Path:
         begins, goes_on, ends = _PENALTIES
         if _quicker(looked, coefficient, begins, goes_on, 0, n):
             return None
-        ends_of = np.array([[motion.speed[0], motion.acceleration[0], motion.jerk[0]], end])
+        starts = State(motion.speed[0], motion.acceleration[0], motion.jerk[0])
         timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
-        more = np.zeros((n + 1, 3)), np.zeros((2 * _TOGETHER, 4)), np.zeros((4, 5))
+        more = rows_for(State, n + 1), np.zeros((2 * _TOGETHER, 4))
         tried, new = coefficient.copy(), [(0, n)]
         for number in range(1, _ROUNDS + 1):
             for first, last in new:
@@ -164,7 +166,7 @@ class _Path:
                     if _quicker(looked, tried, goes_on, ends, 0, n):
                         return None
                     break
-            if not spline.in_time(knots, tried, self._begin, ends_of, _TOGETHER, *timed, *more):
+            if not spline.in_time(knots, tried, self._begin, starts, end, _TOGETHER, timed, *more):
                 return None  # it moves backwards between the evaluated points
             faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
@@ -173,15 +175,14 @@ class _Path:
                 # a jump or a backward motion, which lower limits would not remove
                 if which < -1:
                     return None
-                near = slice(*np.searchsorted(looked.span, [where - 1, where + 2]))
+                near, behind = np.searchsorted(looked.span, [where - 1, where + 2]).tolist()
                 axis, number_of = divmod(int(which), len(DERIVATIVES))
                 # r is scaled by the limits: enlarging it lowers them at these points
                 if which == -1 or number_of == 0:
-                    looked.most[near] *= 1.0 - 1e-3 * 2.0**number
+                    looked.most[near:behind] *= 1.0 - 1e-3 * 2.0**number
                 else:
-                    columns = slice(*((0, 2), (2, 5), (5, 9))[number_of - 1])
-                    looked.r[near, axis, columns] *= 1.0 + _TIGHTER * 2.0**number
-            new = _around(faults[:, 1].astype(int), n)
+                    spline.tightened(looked, near, behind, axis, number_of, 1.0 + _TIGHTER * 2.0**number)
+            new = _around(np.asarray(by_field(Broken, faults).interval).astype(int), n)
         return None
 
     def _faults(self, motion: Motion, first: int, last: int) -> np.ndarray:
@@ -191,10 +192,9 @@ class _Path:
         # `in_time` corrects the snaps of a whole group, which has up to twice as many spans at the end
         first, last = max(first - 2 * _TOGETHER, 0), last + 2 * _TOGETHER
         faults = faults_of(self._pieces, _some(motion, first, last), self._limits)
-        faults[:, 1] += first
-        return faults
+        return faults + Broken(0.0, first, 0.0, 0.0, 0.0)
 
-    def _spline(self, motion: Motion, end: np.ndarray, spans: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _spline(self, motion: Motion, end: State, spans: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return knot times, knots and coefficients of a spline u'²(u) that approximates a motion and matches its
         states at both ends.
         """
@@ -206,60 +206,63 @@ class _Path:
         step[:spans] = motion.duration[:spans]
         step = np.maximum(step, _FINEST * np.mean(motion.duration))
         edge = np.concatenate([step[:1], np.minimum(step[1:], step[:-1]), step[-1:]])
-        speed, acceleration = np.append(motion.speed, end[0]), np.append(motion.acceleration, end[1])
+        speed, acceleration = np.append(motion.speed, end.speed), np.append(motion.acceleration, end.acceleration)
         edge = np.minimum(edge, _TURNS * speed / np.maximum(np.abs(acceleration), 1e-300))
         spline.graded(motion.duration, edge)
         least = np.minimum(step, np.minimum(edge[:-1], edge[1:]))
         size = 2 + int(np.sum(2.0 + (1.0 + spline.GRADE) * motion.duration / least))
         time = np.zeros(size)
         time = time[: spline.instants(motion.duration, step, edge, time)]
-        sampled = np.zeros((len(time), 4))
-        spline.states(*motion, self._begin, time, sampled)
-        sampled[-1, 1:] = end
+        sampled = rows_for(Reached, len(time))
+        spline.states(motion, self._begin, time, sampled)
+        sampled[-1] = by_field(Reached, sampled[-1])._replace(**end._asdict())
         u, v, a, j = sampled.T
         # a coefficient is the blossom of u'² at three knots, from its Taylor form at one of them
         knots = np.concatenate([u[:1], u[:1], u[:1], u, u[-1:], u[-1:], u[-1:]])
         at = np.clip(np.arange(len(u) + 2) - 1, 0, len(u) - 1)
-        at[2], at[-3] = 0, len(u) - 1
+        at[:3], at[-3:] = 0, len(u) - 1
         p, q, r = (np.lib.stride_tricks.sliding_window_view(knots[1:-1], 3) - u[at][:, None]).T
         v, a, j = v[at], a[at], j[at]
         return time, knots, v * v + 2.0 / 3.0 * a * (p + q + r) + j / (3.0 * v) * (p * q + q * r + r * p)
 
-    def _points(self, time: np.ndarray, knots: np.ndarray) -> _Points:
+    def _points(self, time: np.ndarray, knots: np.ndarray) -> Points:
         pieces, axes = self._pieces, len(self._limits)
         size = spline.POINTS * (len(time) + len(pieces.length))
-        filled = _Points(
+        filled = Points(
             np.zeros(size, np.int64),
-            np.zeros((size, 4, 4)),
-            np.zeros((size, axes, 9)),
+            rows_for(Basis, size),
+            rows_for(Rates, size, axes),
             np.zeros(size),
             np.zeros(size, np.int64),
             np.zeros(size),
             np.zeros(size),
         )
         count = spline.points(
-            pieces.kind,
-            pieces.length,
-            pieces.shape,
+            pieces,
             self._begin,
             self.top,
             self._limits,
-            np.array(SHARES),
+            Limits(*SHARES),
             knots,
             time,
-            *filled,
-            np.zeros((axes, 5)),
+            filled,
+            rows_for(Derivatives, axes),
         )
-        return _Points(*(array[:count] for array in filled))
+        return _some_points(filled, 0, count)
 
 
-def _quicker(looked: _Points, coefficient: np.ndarray, begins: float, ends: float, first: int, last: int) -> int:
+def _quicker(looked: Points, coefficient: np.ndarray, begins: float, ends: float, first: int, last: int) -> int:
     """Run `quickest` on the spans from `first` up to but excluding `last`; three coefficients at each end are fixed."""
-    some = slice(*np.searchsorted(looked.span, [first, last]))
-    part = _Points(looked.span[some] - first, *(array[some] for array in looked[1:]))
+    begins_at, ends_at = np.searchsorted(looked.span, [first, last]).tolist()
+    part = _some_points(looked, begins_at, ends_at)
+    part = part._replace(span=part.span - first)
     m, n = len(part.span), last - first + 3
-    room = np.zeros(m), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4))
-    return spline.quickest(*part, coefficient[first : last + 3], begins, ends, _STEPS, *room)
+    room = Room(np.zeros(m), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4)))
+    return spline.quickest(part, coefficient[first : last + 3], begins, ends, _STEPS, room)
+
+
+def _some_points(points: Points, first: int, last: int) -> Points:
+    return Points._make([array[first:last] for array in cast("tuple[np.ndarray, ...]", points)])
 
 
 def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
@@ -269,8 +272,11 @@ def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
     ranges = list[tuple[int, int]]()
     for k in np.unique(spans).tolist():
         first, last = max(k - _ASIDE, 0), min(k + 1 + _ASIDE, n)
-        if ranges and first <= ranges[-1][1]:
-            first = ranges.pop()[0]
+        if ranges:
+            begins, ends = ranges[-1]
+            if first <= ends:
+                first = begins
+                ranges.pop()
         ranges.append((first, last))
     return ranges
 
@@ -317,23 +323,23 @@ def _rests(motion: Motion) -> np.ndarray:
     It has a value for the start of each time interval, and one for the end of the last interval.
     """
     last = len(motion.duration) - 1
-    speed = np.append(motion.speed, _end(_some(motion, last, last + 1))[0])
+    speed = np.append(motion.speed, _end(_some(motion, last, last + 1)).speed)
     return speed <= _RESTS * np.max(speed)
 
 
 def _some(motion: Motion, first: int, last: int) -> Motion:
-    return Motion(*(column[first:last] for column in motion))
+    return Motion._make([column[first:last] for column in motion])
 
 
 def _one(motions: list[Motion]) -> Motion:
     """Concatenate motions."""
-    return Motion(*(np.concatenate(columns) for columns in zip(*motions, strict=True)))
+    return Motion._make([np.concatenate(columns) for columns in zip(*motions, strict=True)])
 
 
-def _end(motion: Motion) -> np.ndarray:
+def _end(motion: Motion) -> State:
     """Return u' .. u''' at the end of a motion of a single time interval."""
     (t,), _, _, (v,), (a,), (j,), (s,) = motion
-    return np.array([cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s])
+    return State(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s)
 
 
 def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
@@ -346,7 +352,9 @@ def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
     first = t, motion.piece[m], x, v, a, j, s
     second = T - t, p, there, cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s
     halves = zip(motion, zip(first, second, strict=True), strict=True)
-    return Motion(*(np.concatenate([column[:m], two, column[m + 1 :]]).astype(column.dtype) for column, two in halves))
+    return Motion._make(
+        [np.concatenate([column[:m], two, column[m + 1 :]]).astype(column.dtype) for column, two in halves]
+    )
 
 
 def _after(hand: Part, part: Part) -> Part:

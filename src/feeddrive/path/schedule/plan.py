@@ -14,7 +14,8 @@ from math import sqrt
 from typing import NamedTuple
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records
+from feeddrive.language.kernels.source import Floats, Ints, Records
+from feeddrive.path.motion import Interval, Motion
 from feeddrive.path.schedule.ramp import (
     NO_RAMP,
     Bounds,
@@ -93,13 +94,15 @@ def _highest_cap(path: Path, first: int, last: int) -> float:
 @kernel
 def plateau_begin(stretch: Stretch) -> float:
     """Return the u at which the ramp up ends, m."""
-    return stretch.begin + 0.5 * (stretch.v0 + stretch.peak) * duration(stretch.up)
+    L1, L2, L3 = stretch.up
+    return stretch.begin + 0.5 * (stretch.v0 + stretch.peak) * (L1 + L2 + L3)
 
 
 @kernel
 def plateau_end(stretch: Stretch) -> float:
     """Return the u at which the ramp down begins, m."""
-    return stretch.end - 0.5 * (stretch.v1 + stretch.peak) * duration(stretch.down)
+    L1, L2, L3 = stretch.down
+    return stretch.end - 0.5 * (stretch.v1 + stretch.peak) * (L1 + L2 + L3)
 
 
 @kernel
@@ -473,6 +476,14 @@ def _whole(path: Path, left: Stretch, right: Stretch) -> tuple[float, Stretch, S
 
 
 @kernel
+def takes_time(stretch: Stretch, begin: Floats) -> bool:
+    """Return True if a stretch has a ramp or a plateau longer than rounding errors, as others have no motion."""
+    L1, L2, L3 = stretch.up
+    M1, M2, M3 = stretch.down
+    return L1 + L2 + L3 + M1 + M2 + M3 > 0.0 or stretch.end - stretch.begin > MARGIN * (begin[-1] - begin[0])
+
+
+@kernel
 def plan(
     path: Path,
     quick: Records[Cap],
@@ -483,10 +494,12 @@ def plan(
     stack: Records[Stretch],
     out: Records[Stretch],
 ) -> int:
-    """Plan from u0 at speed v0 to a stop at u1; return the number of rows written to `out`, or 0 if v0 is too fast to
-    stop in time.
+    """Plan from u0 at speed v0 to a stop at u1; return the number of stretches written to `out`, or -1 if v0 is too
+    fast to stop in time.
     """
     height = _beginning(path, quick, u0, u1, v0, slow, stack)
+    if height == 0:
+        return -1
     count = 0
     while height > 0:
         height = height - 1
@@ -536,137 +549,69 @@ def plan(
                 now = hump(path, now, False)
         out[count] = now
         count = count + 1
-    return count
+    kept = 0
+    for k in range(count):
+        if takes_time(out[k], path.begin):
+            out[kept] = out[k]
+            kept = kept + 1
+    return kept
+
+
+@kernel
+def _add(motion: Motion, count: int, interval: Interval, p: int) -> int:
+    """Write a time interval that begins on piece p; return the new count."""
+    motion.duration[count] = interval.duration
+    motion.piece[count] = p
+    motion.x[count] = interval.x
+    motion.speed[count] = interval.speed
+    motion.acceleration[count] = interval.acceleration
+    motion.jerk[count] = interval.jerk
+    motion.snap[count] = interval.snap
+    return count + 1
 
 
 @kernel
 def _phases(
-    v0: float,
-    v1: float,
-    peak: float,
-    L1: float,
-    L2: float,
-    L3: float,
-    up: bool,
-    u: float,
-    p: int,
-    begin: Floats,
-    count: int,
-    duration: Floats,
-    piece: Ints,
-    x: Floats,
-    speed: Floats,
-    acceleration: Floats,
-    jerk: Floats,
-    snap: Floats,
-) -> tuple[int, float, int]:
-    """Append the phases of one ramp; return the new count, u and piece index."""
-    low = v0 if up else v1
+    begin: Floats, motion: Motion, count: int, u: float, low: float, peak: float, ramp: Ramp, up: bool
+) -> tuple[int, float]:
+    """Append the phases of a ramp that begins at u; return the new count, and u at its end."""
     rise = peak - low
-    v = v0 if up else peak
+    if rise <= 0.0 or ramp.L1 <= 0.0:
+        return count, u
+    p = piece_at(begin, u, True)
+    v = low if up else peak
     a = 0.0
     j = 0.0
-    if rise <= 0.0 or L1 <= 0.0:
-        return count, u, p
     sense = 1.0 if up else -1.0
-    jerk_most = rise / (L2 * L3)
+    jerk_most = rise / (ramp.L2 * ramp.L3)
     for number in range(7):
-        T, s = phase(number, rise, L1, L2, L3)
+        T, s = phase(number, rise, ramp)
         s = sense * s
         if T > 0.0:
             while p + 1 < len(begin) - 1 and begin[p + 1] <= u:
                 p = p + 1
-            duration[count] = T
-            piece[count] = p
-            x[count] = u - begin[p]
-            speed[count] = v
-            acceleration[count] = a
-            jerk[count] = j
-            snap[count] = s
-            count = count + 1
+            count = _add(motion, count, Interval(T, u - begin[p], v, a, j, s), p)
             u = u + T * (v + T * (0.5 * a + T * (j / 6.0 + T * s / 24.0)))
             v = v + T * (a + T * (0.5 * j + T * s / 6.0))
             a = a + T * (j + 0.5 * T * s)
         # in closed form, so that rounding does not accumulate
         j = sense * jerk_before(number + 1, jerk_most)
-    return count, u, p
+    return count, u
 
 
 @kernel
-def timed(
-    begin: Floats,
-    rows: Floats2,
-    many: int,
-    duration: Floats,
-    piece: Ints,
-    x: Floats,
-    speed: Floats,
-    acceleration: Floats,
-    jerk: Floats,
-    snap: Floats,
-) -> int:
-    """Write the time intervals of constant snap of the first `many` stretches; return their number."""
+def timed(begin: Floats, stretches: Records[Stretch], motion: Motion) -> int:
+    """Write the time intervals of constant snap of some stretches into `motion`; return their number."""
     count = 0
-    p = 0
-    for k in range(many):
-        u0 = rows[k, 0]
-        u1 = rows[k, 1]
-        v0 = rows[k, 2]
-        v1 = rows[k, 3]
-        peak = rows[k, 4]
-        p = piece_at(begin, u0, True)
-        count, u, p = _phases(
-            v0,
-            v1,
-            peak,
-            rows[k, 5],
-            rows[k, 6],
-            rows[k, 7],
-            True,
-            u0,
-            p,
-            begin,
-            count,
-            duration,
-            piece,
-            x,
-            speed,
-            acceleration,
-            jerk,
-            snap,
-        )
-        down = 0.5 * (v1 + peak) * (rows[k, 8] + rows[k, 9] + rows[k, 10])
-        # a plateau shorter than rounding is left out: its duration would be noise
-        if u1 - down - u > MARGIN * (begin[len(begin) - 1] - begin[0]):
-            p = piece_at(begin, u, True)
-            duration[count] = (u1 - down - u) / peak
-            piece[count] = p
-            x[count] = u - begin[p]
-            speed[count] = peak
-            acceleration[count] = 0.0
-            jerk[count] = 0.0
-            snap[count] = 0.0
-            count = count + 1
+    rounding = MARGIN * (begin[-1] - begin[0])
+    for k in range(len(stretches)):
+        now = stretches[k]
+        count, u = _phases(begin, motion, count, now.begin, now.v0, now.peak, now.up, True)
         # counted back from the node, so that the rounding of the ramp up does not move the end of the ramp down
-        p = piece_at(begin, u1 - down, True)
-        count, u, p = _phases(
-            v0,
-            v1,
-            peak,
-            rows[k, 8],
-            rows[k, 9],
-            rows[k, 10],
-            False,
-            u1 - down,
-            p,
-            begin,
-            count,
-            duration,
-            piece,
-            x,
-            speed,
-            acceleration,
-            jerk,
-            snap,
-        )
+        brakes = now.end - 0.5 * (now.v1 + now.peak) * duration(now.down)
+        # a plateau shorter than rounding is left out: its duration would be noise
+        if brakes - u > rounding:
+            p = piece_at(begin, u, True)
+            count = _add(motion, count, Interval((brakes - u) / now.peak, u - begin[p], now.peak, 0.0, 0.0, 0.0), p)
+        count, u = _phases(begin, motion, count, brakes, now.v1, now.peak, now.down, False)
     return count

@@ -21,8 +21,8 @@ from math import sqrt
 from typing import NamedTuple
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records, zeros
-from feeddrive.path.motion import cubic, way, when
+from feeddrive.language.kernels.source import Floats, Records, Records2, zeros
+from feeddrive.path.motion import Limits, Piece, Pieces, arc_axis, cubic, line_way, way, when
 
 # so that a bound still holds after rounding
 _WIDER = 1.0 + 1e-13
@@ -30,38 +30,42 @@ _WIDER = 1.0 + 1e-13
 _LEVEL = 1.001  # largest ratio of the caps of neighbors that are made equal
 
 
+class Slopes(NamedTuple):
+    """The largest |r'| .. |r''''| of an axis on a piece: M1 .. M4."""
+
+    M1: float
+    M2: float
+    M3: float
+    M4: float
+
+
 @kernel
-def bounds(kind: int, length: float, shape: Floats2, out: Floats2) -> float:
-    """Write M1 .. M4 of each axis into `out` (N, 4); return a bound on |r'|.
+def bounds(piece: Piece, out: Records[Slopes]) -> float:
+    """Write the bounds of each axis into `out`; return a bound on |r'|.
 
     Polynomials are bounded by the convex hull of their Bernstein points, arcs in closed form.
     """
-    n = len(shape)
+    n = len(piece.shape)
     norm = 0.0
-    if kind == 0:
+    if piece.kind == 0:
         for i in range(n):
-            slope = shape[i, 1] / length
+            slope = line_way(piece.shape, i) / piece.length
             norm = norm + slope * slope
-            out[i, 0] = abs(slope)
-            for k in range(1, 4):
-                out[i, k] = 0.0
+            out[i] = Slopes(abs(slope), 0.0, 0.0, 0.0)
         return sqrt(norm) * _WIDER
-    if kind == 1:
-        kappa = shape[0, 3]
+    if piece.kind == 1:
+        kappa = arc_axis(piece.shape, 0).curvature
         size1 = 0.0
         size2 = 0.0
         skew = 0.0
         along1 = 0.0
         along2 = 0.0
         for i in range(n):
-            e1 = shape[i, 0]
-            e2 = shape[i, 1]
-            drift = shape[i, 2]
+            e1, e2, drift, _ = arc_axis(piece.shape, i)
             big = sqrt(e1 * e1 + e2 * e2) * _WIDER
-            out[i, 0] = big * kappa + abs(drift)
-            out[i, 1] = big * kappa * kappa
-            out[i, 2] = out[i, 1] * kappa
-            out[i, 3] = out[i, 2] * kappa
+            second = big * kappa * kappa
+            third = second * kappa
+            out[i] = Slopes(big * kappa + abs(drift), second, third, third * kappa)
             size1 = size1 + e1 * e1
             size2 = size2 + e2 * e2
             skew = skew + e1 * e2
@@ -74,32 +78,45 @@ def bounds(kind: int, length: float, shape: Floats2, out: Floats2) -> float:
         return sqrt(kappa * kappa * ring + 2.0 * kappa * sqrt(along1 * along1 + along2 * along2) + norm) * _WIDER
     points = zeros(8)
     norms = zeros(8)
-    scale = 1.0
-    for m in range(1, 5):
-        scale = scale / length
-        degree = 7 - m
-        for i in range(n):
-            # coefficients of the derivative over the binomials, then differences backwards: Bernstein points
-            for k in range(degree + 1):
-                value = shape[i, k + m]
-                for j in range(m):
-                    value = value * (k + m - j)
-                for j in range(k):
-                    value = value * (j + 1) / (degree - j)
-                points[k] = value
-            most = 0.0
-            for k in range(degree):
-                for back in range(degree - k):
-                    j = degree - back
-                    points[j] = points[j] + points[j - 1]
-            for k in range(degree + 1):
-                most = max(most, abs(points[k]))
-                if m == 1:
-                    norms[k] = norms[k] + points[k] * points[k]
-            out[i, m - 1] = most * scale * _WIDER
+    scale1 = 1.0 / piece.length
+    scale2 = scale1 / piece.length
+    scale3 = scale2 / piece.length
+    scale4 = scale3 / piece.length
+    for i in range(n):
+        c = piece.shape[i]
+        second = _hull(c, 2, points) * scale2 * _WIDER
+        third = _hull(c, 3, points) * scale3 * _WIDER
+        fourth = _hull(c, 4, points) * scale4 * _WIDER
+        out[i] = Slopes(_hull(c, 1, points) * scale1 * _WIDER, second, third, fourth)
+        for k in range(7):
+            norms[k] = norms[k] + points[k] * points[k]
     for k in range(7):
         norm = max(norm, norms[k])
-    return sqrt(norm) / length * _WIDER
+    return sqrt(norm) / piece.length * _WIDER
+
+
+@kernel
+def _hull(c: Floats, m: int, points: Floats) -> float:
+    """Return the largest of the Bernstein points of the m-th derivative of Σ c_k ξᵏ with respect to ξ; write all of
+    them into `points`.
+    """
+    degree = 7 - m
+    # coefficients of the derivative over the binomials, then differences backwards: Bernstein points
+    for k in range(degree + 1):
+        value = c[k + m]
+        for j in range(m):
+            value = value * (k + m - j)
+        for j in range(k):
+            value = value * (j + 1) / (degree - j)
+        points[k] = value
+    for k in range(degree):
+        for back in range(degree - k):
+            j = degree - back
+            points[j] = points[j] + points[j - 1]
+    most = 0.0
+    for k in range(degree + 1):
+        most = max(most, abs(points[k]))
+    return most
 
 
 @kernel
@@ -133,60 +150,75 @@ def root(value: float, degree: int) -> float:
 
 
 @kernel
-def cap(most: Floats2, norm: float, feed: float, limits: Floats2, share: float) -> float:
+def _slower(speed: float, limit: float, most: float, degree: int, share: float) -> float:
+    """Return the lower of two speeds: the given one, and `share` times that at which `most` reaches a limit."""
+    if most > 0.0:
+        ratio = limit / most
+        if ratio < 1e36:
+            return min(speed, share * root(ratio, degree))
+    return speed
+
+
+@kernel
+def speed_cap(most: Records[Slopes], norm: float, feed: float, limits: Records[Limits], share: float) -> float:
     """Return the speed limit of a piece: the lowest of the feed, the velocity limits, and `share` times the limit due
     to curvature.
     """
     # |r'| of splines exceeds 1 by rounding only: they get the same cap as lines
     speed = feed / norm if norm > 1.0 + 1e-10 else feed
     for i in range(len(limits)):
-        if most[i, 0] > 0.0:
-            speed = min(speed, limits[i, 0] / most[i, 0])
-        for k in range(1, 4):
-            if most[i, k] > 0.0:
-                ratio = limits[i, k] / most[i, k]
-                if ratio < 1e36:
-                    speed = min(speed, share * root(ratio, k + 1))
+        slopes = most[i]
+        limit = limits[i]
+        if slopes.M1 > 0.0:
+            speed = min(speed, limit.velocity / slopes.M1)
+        speed = _slower(speed, limit.acceleration, slopes.M2, 2, share)
+        speed = _slower(speed, limit.jerk, slopes.M3, 3, share)
+        speed = _slower(speed, limit.snap, slopes.M4, 4, share)
     # a plateau at the cap must keep the limit in spite of rounding
     return speed * (1.0 - 1e-12)
 
 
+class Cap(NamedTuple):
+    """The speed limits of a piece, m/s: of a plateau on it, and of a ramp that crosses it."""
+
+    plateau: float
+    ramp: float
+
+
 @kernel
 def pieces_room(
-    kind: Ints,
-    length: Floats,
-    shape: Floats3,
-    feed: Floats,
-    limits: Floats2,
+    pieces: Pieces,
+    factor: float,
+    limits: Records[Limits],
     cruise: float,
     crossing: float,
-    most: Floats3,
-    caps: Floats2,
+    most: Records2[Slopes],
+    caps: Records[Cap],
 ) -> int:
-    """Write the `bounds` of n pieces into `most` (n, N, 4), and their caps for plateaus and for crossing ramps into
-    `caps` (n, 2).
+    """Write the `bounds` of n pieces into `most` (n, N), and their caps for plateaus and for crossing ramps into `caps`
+    (n,); `factor` multiplies the feed.
 
     Neighbors with nearly equal caps all get the lowest of them, so that no ramps occur between them.
     """
-    for p in range(len(length)):
-        norm = bounds(kind[p], length[p], shape[p], most[p])
-        caps[p, 0] = cap(most[p], norm, feed[p], limits, cruise)
-        caps[p, 1] = cap(most[p], norm, feed[p], limits, crossing)
+    n = len(pieces.length)
+    for p in range(n):
+        norm = bounds(Piece(pieces.kind[p], pieces.length[p], pieces.shape[p]), most[p])
+        feed = pieces.feed[p] * factor
+        caps[p] = Cap(speed_cap(most[p], norm, feed, limits, cruise), speed_cap(most[p], norm, feed, limits, crossing))
     first = 0
     low = 0.0
     high = 0.0
-    for p in range(len(length) + 1):
-        if p < len(length):
-            speed = caps[p, 0]
+    for p in range(n + 1):
+        if p < n:
+            speed = caps[p].plateau
             if p > first and max(high, speed) <= _LEVEL * min(low, speed):
                 low = min(low, speed)
                 high = max(high, speed)
                 continue
         for k in range(first, p):
-            caps[k, 0] = low
-            caps[k, 1] = min(low, caps[k, 1])
+            caps[k] = Cap(low, min(low, caps[k].ramp))
         first = p
-        low = caps[p, 0] if p < len(length) else 0.0
+        low = caps[p].plateau if p < n else 0.0
         high = low
     return 0
 
@@ -207,13 +239,6 @@ class Ramp(NamedTuple):
 NO_RAMP = Ramp(0.0, 0.0, 0.0)
 
 
-class Cap(NamedTuple):
-    """The speed limits of a piece, m/s: of a plateau on it, and of a ramp that crosses it."""
-
-    plateau: float
-    ramp: float
-
-
 class Bounds(NamedTuple):
     """The largest acceleration .. snap of u, m/s² .. m/s⁴."""
 
@@ -226,15 +251,15 @@ class Path(NamedTuple):
     """The pieces of a path with their bounds and speed limits.
 
     begin   u at the start of each of n pieces, and at the end of the last, m, shape (n + 1,)
-    most    bounds of the first .. fourth derivative of each axis with respect to u, shape (n, N, 4)
-    caps    speed limits of each piece, shape (n, 2)
-    limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    most    bounds of the first .. fourth derivative of each axis with respect to u, (n, N)
+    caps    speed limits of each piece, (n,)
+    limits  limits of each axis, (N,)
     """
 
     begin: Floats
-    most: Floats3
+    most: Records2[Slopes]
     caps: Records[Cap]
-    limits: Floats2
+    limits: Records[Limits]
 
 
 @kernel
@@ -262,8 +287,9 @@ def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> Ramp:
 
 
 @kernel
-def phase(number: int, rise: float, L1: float, L2: float, L3: float) -> tuple[float, float]:
+def phase(number: int, rise: float, ramp: Ramp) -> tuple[float, float]:
     """Return the duration and snap of one of the seven phases of a ramp up."""
+    L1, L2, L3 = ramp
     snap = rise / (L1 * L2 * L3)
     if number == 0 or number == 6:
         return L1, snap
@@ -292,14 +318,13 @@ def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
     whole = (low + 0.5 * rise) * duration(ramp)
     if far >= whole:
         return low + rise
-    L1, L2, L3 = ramp
-    jerk = rise / (L2 * L3)
+    jerk = rise / (ramp.L2 * ramp.L3)
     v = low
     a = 0.0
     j = 0.0
     gone = 0.0
     for number in range(7):
-        T, s = phase(number, rise, L1, L2, L3)
+        T, s = phase(number, rise, ramp)
         step = T * (v + T * (0.5 * a + T * (j / 6.0 + T * s / 24.0)))
         if gone + step >= far or number == 6:
             t = when(far - gone, v, a, j, s, 0.0, T)
@@ -313,7 +338,9 @@ def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
 
 
 @kernel
-def _lacks(most: Floats2, cap: Cap, limits: Floats2, v: float, a: float, j: float, s: float, free: bool) -> float:
+def _lacks(
+    most: Records[Slopes], cap: Cap, limits: Records[Limits], v: float, a: float, j: float, s: float, free: bool
+) -> float:
     """Return the factor by which a ramp's duration must increase to satisfy the limits on a piece, as a logarithm;
     negative if the ramp may be shorter.
 
@@ -332,23 +359,22 @@ def _lacks(most: Floats2, cap: Cap, limits: Floats2, v: float, a: float, j: floa
     vva = 6.0 * v2 * a
     mixed = 3.0 * a * a + 4.0 * v * j
     for i in range(len(limits)):
-        m1 = most[i, 0]
-        m2 = most[i, 1]
-        m3 = most[i, 2]
+        m1, m2, m3, m4 = most[i]
+        limit = limits[i]
         one = m1 * a
-        over = m2 * v2 + one - limits[i, 1]
+        over = m2 * v2 + one - limit.acceleration
         if over > least * one:
             least = over / max(one, over)
         one = m2 * va
         two = m1 * j
-        over = m3 * v3 + one + two - limits[i, 2]
+        over = m3 * v3 + one + two - limit.jerk
         one = one + two + two
         if over > least * one:
             least = over / max(one, over)
         one = m3 * vva
         two = m2 * mixed
         three = m1 * s
-        over = most[i, 3] * v2 * v2 + one + two + three - limits[i, 3]
+        over = m4 * v2 * v2 + one + two + three - limit.snap
         one = one + two + two + three + three + three
         if over > least * one:
             least = over / max(one, over)
@@ -395,7 +421,7 @@ def lacking(
     j = 0.0
     gone = 0.0
     least = -0.3
-    lasts, s = phase(0, rise, L1, L2, L3)
+    lasts, s = phase(0, rise, ramp)
     step = way(v, a, j, s, lasts)
     t = 0.0  # in the phase, where the piece begins
     while True:
@@ -416,7 +442,7 @@ def lacking(
             a = a + lasts * (j + 0.5 * lasts * s)
             number = number + 1
             j = jerk_before(number, jerk)
-            lasts, s = phase(number, rise, L1, L2, L3)
+            lasts, s = phase(number, rise, ramp)
             step = way(v, a, j, s, lasts)
             t = 0.0
             a_most = max(a_most, a)
@@ -434,17 +460,17 @@ def lacking(
 
 
 @kernel
-def straight(most: Floats2, limits: Floats2) -> Bounds:
+def straight(most: Records[Slopes], limits: Records[Limits]) -> Bounds:
     """Return the acceleration, jerk and snap of u that a piece would allow without curvature."""
     a = 1e300
     j = 1e300
     s = 1e300
     for i in range(len(limits)):
-        m1 = most[i, 0]
+        m1 = most[i].M1
         if m1 > 0.0:
-            a = min(a, limits[i, 1] / m1)
-            j = min(j, limits[i, 2] / m1)
-            s = min(s, limits[i, 3] / m1)
+            a = min(a, limits[i].acceleration / m1)
+            j = min(j, limits[i].jerk / m1)
+            s = min(s, limits[i].snap / m1)
     return Bounds(a, j, s)
 
 

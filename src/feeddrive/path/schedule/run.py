@@ -15,11 +15,20 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
-from feeddrive.language.kernels.source import columns, rows_for
+from feeddrive.language.kernels.source import by_field, columns, rows_for
 from feeddrive.language.quantity import Quantity
-from feeddrive.path.motion import Motion, Part, Pause, Pieces, Section, one_after_the_other, part_of_pieces
-from feeddrive.path.schedule.plan import MARGIN, Stretch, brake_soon, plan, timed
-from feeddrive.path.schedule.ramp import Path, pieces_room
+from feeddrive.path.motion import Limits, Motion, Part, Pause, Pieces, Section, one_after_the_other, part_of_pieces
+from feeddrive.path.schedule.plan import (
+    MARGIN,
+    Stretch,
+    brake_soon,
+    plan,
+    plateau_begin,
+    plateau_end,
+    takes_time,
+    timed,
+)
+from feeddrive.path.schedule.ramp import NO_RAMP, Cap, Path, Slopes, duration, pieces_room
 
 MOST = 2.0
 """The largest feed factor."""
@@ -109,6 +118,11 @@ class _Room(NamedTuple):
 
     most: np.ndarray
     caps: np.ndarray
+
+    @property
+    def plateau(self) -> np.ndarray:
+        """The largest speed of a plateau on each piece, m/s."""
+        return np.asarray(by_field(Cap, self.caps).plateau)
 
 
 class _Plan(NamedTuple):
@@ -234,19 +248,19 @@ class Schedule:
         """
         assert self._pieces is not None
         begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
-        speed = min(self._speed, float(rooms[0].caps[0, 0])) if rooms else 0.0
+        speed = min(self._speed, float(rooms[0].plateau[0])) if rooms else 0.0
         room, stop = self._rooms[0], begin[-1] * (1.0 - MARGIN)
         path = Path(begin, room.most[:last], room.caps[:last], self._limits)
         for _ in range(_CAPS):
             braking = brake_soon(path, self._u, stop, self._speed, speed)
             row = np.array(columns(braking))
-            if braking.peak == 0.0 or not _takes_time(row, begin):
+            if braking.peak == 0.0 or not takes_time(braking, begin):
                 return None
             if rooms is None:
                 return _Plan(begin, row[None, :], False)
-            lowest = float(np.min(rooms[0].caps[: int(np.searchsorted(begin, row[1], side="left")), 0]))
+            lowest = float(np.min(rooms[0].plateau[: int(np.searchsorted(begin, braking.end, side="left"))]))
             if speed <= lowest:
-                behind = self._planned(last, ends, rooms, float(row[1]), speed)
+                behind = self._planned(last, ends, rooms, braking.end, speed)
                 return behind._replace(rows=np.vstack([row, behind.rows])) if behind is not None else None
             speed = lowest
         return None
@@ -283,8 +297,8 @@ class Schedule:
             path = Path(begin, room.most[:last], room.caps[:last], self._limits)
             slow, stack, rows = np.zeros(last, np.int64), rows_for(Stretch, size), rows_for(Stretch, size)
             count = plan(path, rooms[0].caps[:last], u, stop, speed, slow, stack, rows)
-            if count:
-                plans.append(rows[:count][_takes_time(rows[:count], begin)])
+            if count >= 0:
+                plans.append(rows[:count])
         return _Plan(begin, min(plans, key=_time), ends) if plans else None
 
     def _go(self, planned: _Plan, count: int) -> Part:
@@ -295,11 +309,12 @@ class Schedule:
             self._begin()
             return whole
         kept, begin = planned.rows[:count], planned.begin
-        pieces, node = self._pieces, float(kept[-1, 1])
+        stretch = by_field(Stretch, kept[-1])
+        pieces, node = self._pieces, float(stretch.end)
         place = min(int(np.searchsorted(begin, node, side="right")) - 1, len(begin) - 2)
         if place + 1 < len(pieces.length) and node - begin[place] >= pieces.length[place]:
             place += 1  # at a joint, up to rounding
-        self._u, self._speed = max(node - float(begin[place]), 0.0), float(kept[-1, 3])
+        self._u, self._speed = max(node - float(begin[place]), 0.0), float(stretch.v1)
         self._pieces = part_of_pieces(pieces, place, len(pieces.length))
         self._rooms = [_Room(room.most[place:], room.caps[place:]) for room in self._rooms]
         self._hand = _Plan(begin[place:], planned.rows[count:], planned.ends)
@@ -307,14 +322,13 @@ class Schedule:
 
     def _rooms_of(self, pieces: Pieces, factor: float) -> list[_Room]:
         """Return the bounds and caps of pieces at this feed factor, for each pair in `SHARES`."""
-        n, limits, rooms = len(pieces.length), self._limits.copy(), list[_Room]()
+        n, rooms = len(pieces.length), list[_Room]()
         # on a traverse the velocity limits are the feed; a factor above 1 must not raise them
-        limits[:, 0] *= min(factor, 1.0)
+        limits = self._limits * Limits(min(factor, 1.0), 1.0, 1.0, 1.0)
         for shares in SHARES:
-            most, caps = np.zeros((n, len(limits), 4)), np.zeros((n, 2))
-            feed = pieces.feed * factor
-            pieces_room(pieces.kind, pieces.length, pieces.shape, feed, limits, *shares, most, caps)
-            rooms.append(_Room(most, caps))
+            room = _Room(rows_for(Slopes, n, len(limits)), rows_for(Cap, n))
+            pieces_room(pieces, factor, limits, *shares, *room)
+            rooms.append(room)
         return rooms
 
     def _part(self, pieces: Pieces, begin: np.ndarray, rows: np.ndarray, ends: bool) -> Part:
@@ -323,9 +337,9 @@ class Schedule:
         """
         size = 15 * len(rows)
         room = Motion(np.zeros(size), np.zeros(size, np.int64), *(np.zeros(size) for _ in range(5)))
-        count = timed(begin, np.ascontiguousarray(rows), len(rows), *room)
-        motion = Motion(*(array[:count].copy() for array in room))
-        self.time += float(np.sum(motion.duration))
+        count = timed(begin, np.ascontiguousarray(rows), room)
+        motion = Motion._make([array[:count].copy() for array in room])
+        self.time += float(motion.duration.sum())
         return Part(pieces._replace(feed=pieces.feed * self._factor), motion, ends)
 
 
@@ -341,18 +355,10 @@ def plan_run(pieces: Pieces, limits: np.ndarray, window: int = WINDOW) -> Motion
 
 def _time(rows: np.ndarray) -> float:
     """Return the total duration of stretches, s."""
-    u0, u1, v0, v1, peak = rows[:, :5].T
-    up, down = rows[:, 5:8].sum(axis=1), rows[:, 8:11].sum(axis=1)
-    way = u1 - u0 - 0.5 * (v0 + peak) * up - 0.5 * (v1 + peak) * down
-    return float(np.sum(up + down + np.maximum(way, 0.0) / peak))
-
-
-def _takes_time(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
-    """Return a bool array that is True for stretches with a ramp or a plateau longer than rounding errors; the others
-    have no motion.
-    """
-    ramps = np.any(rows[..., 5:11] > 0.0, axis=-1)
-    return ramps | (rows[..., 1] - rows[..., 0] > MARGIN * (begin[-1] - begin[0]))
+    now = by_field(Stretch, rows)
+    up, down = duration.python(now.up), duration.python(now.down)
+    way = now.end - now.begin - 0.5 * (now.v0 + now.peak) * up - 0.5 * (now.v1 + now.peak) * down
+    return float(np.sum(up + down + np.maximum(way, 0.0) / now.peak))
 
 
 def _cut(planned: _Plan) -> tuple[_Plan, int]:
@@ -360,43 +366,44 @@ def _cut(planned: _Plan) -> tuple[_Plan, int]:
     part.
     """
     rows, ends = planned.rows, _KEPT * planned.begin[-1]
-    count = int(np.searchsorted(rows[:, 1], ends, side="right"))
+    count = int(np.searchsorted(np.asarray(by_field(Stretch, rows).end), ends, side="right"))
     if count < len(rows):
-        u0, u1, v0, v1, peak = rows[count, :5]
-        low = u0 + 0.5 * (v0 + peak) * rows[count, 5:8].sum()
-        high = u1 - 0.5 * (v1 + peak) * rows[count, 8:11].sum()
+        now = by_field(Stretch, rows[count])
+        low, high = plateau_begin.python(now), plateau_end.python(now)
         cut, margin = min(ends, high), MARGIN * (planned.begin[-1] - planned.begin[0])
-        if u1 - cut <= margin:
+        if now.end - cut <= margin:
             return planned, count + 1
         if cut - low > margin:
-            one, two = rows[count].copy(), rows[count].copy()
-            one[1], one[3], one[8:11] = cut, peak, 0.0
-            two[0], two[2], two[5:8] = cut, peak, 0.0
-            return planned._replace(rows=np.vstack([rows[:count], one, two, rows[count + 1 :]])), count + 1
+            both = [columns(_before(now, cut)), columns(_behind(now, cut))]
+            return planned._replace(rows=np.vstack([rows[:count], both, rows[count + 1 :]])), count + 1
     return planned, count
+
+
+def _before(stretch: Stretch, u: float) -> Stretch:
+    """Return a stretch up to a point of its plateau."""
+    return stretch._replace(end=u, v1=stretch.peak, down=NO_RAMP)
+
+
+def _behind(stretch: Stretch, u: float) -> Stretch:
+    """Return a stretch from a point of its plateau on."""
+    return stretch._replace(begin=u, v0=stretch.peak, up=NO_RAMP)
 
 
 def _steps(rows: np.ndarray, begin: np.ndarray) -> np.ndarray:
     """Split stretches at all their nodes: after ramps, and after each `HORIZON` of a plateau."""
-    steps, margin = [], MARGIN * (begin[-1] - begin[0])
+    steps, margin = list[list[float]](), MARGIN * (begin[-1] - begin[0])
     for row in rows:
-        u0, u1, v0, v1, peak = row[:5]
-        low = u0 + 0.5 * (v0 + peak) * row[5:8].sum()
-        high = u1 - 0.5 * (v1 + peak) * row[8:11].sum()
-        cuts, least = [u0], max(margin, 1e-12 * (u1 - u0))
-        if low > u0:
+        now = by_field(Stretch, row)
+        low, high = plateau_begin.python(now), plateau_end.python(now)
+        cuts, least = [now.begin], max(margin, 1e-12 * (now.end - now.begin))
+        if low > now.begin:
             cuts.append(low)
-        many = int(np.ceil((high - low) / (HORIZON * peak))) if high - low > least else 0
+        many = int(np.ceil((high - low) / (HORIZON * now.peak))) if high - low > least else 0
         cuts += [low + (high - low) * (k + 1) / many for k in range(many)]
-        if u1 > cuts[-1] and v1 < peak:
-            cuts.append(u1)
-        cuts[-1] = u1
-        for k, (begin, end) in enumerate(pairwise(cuts)):
-            step = row.copy()
-            step[0], step[1] = begin, end
-            if k:
-                step[2], step[5:8] = peak, 0.0
-            if end < u1:
-                step[3], step[8:11] = peak, 0.0
-            steps.append(step)
+        if now.end > cuts[-1] and now.v1 < now.peak:
+            cuts.append(now.end)
+        cuts[-1] = now.end
+        for k, (left, right) in enumerate(pairwise(cuts)):
+            step = _behind(now, left) if k else now
+            steps.append(columns(_before(step, right) if right < now.end else step))
     return np.array(steps)

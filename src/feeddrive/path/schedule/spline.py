@@ -19,11 +19,12 @@ are evaluated, and converts from u back to time.
 from __future__ import annotations
 
 from math import sqrt
+from typing import NamedTuple
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, zeros
-from feeddrive.path.motion import cubic, derivatives, way
-from feeddrive.path.schedule.ramp import bounds, boxcars, cap
+from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records, Records2, zeros
+from feeddrive.path.motion import Derivatives, Limits, Motion, Piece, Pieces, cubic, derivatives, interval_of, way
+from feeddrive.path.schedule.ramp import Bounds, Slopes, bounds, boxcars, speed_cap
 
 _LOOSE = 1.03  # relaxed limit at a violating point, relative to its present share
 _TOUCHES = 1.0 - 1e-6  # larger shares are treated as violations: the penalty would be too steep
@@ -35,11 +36,86 @@ _HALVINGS = 12  # largest number of halvings of a step
 _NOT_FORWARD = 1e300  # share returned where u'² is not positive
 
 
-@kernel
-def basis(knots: Floats, k: int, x: float, out: Floats2) -> int:
-    """Write the weights of span k's four coefficients in z .. z''' at x as rows of `out`; knots[k+3] <= x <=
-    knots[k+4].
+class Weights(NamedTuple):
+    """The weights of a span's four coefficients in a number."""
+
+    c0: float
+    c1: float
+    c2: float
+    c3: float
+
+
+class Basis(NamedTuple):
+    """The weights of a span's coefficients in z .. z''' at a point."""
+
+    z: Weights
+    z1: Weights
+    z2: Weights
+    z3: Weights
+
+
+class Square(NamedTuple):
+    """z = u'² and its derivatives with respect to u."""
+
+    z: float
+    z1: float
+    z2: float
+    z3: float
+
+
+class Rates(NamedTuple):
+    """The derivatives of an axis with respect to u, divided by its limits: r1 and r2 by that of acceleration, r1 .. r3
+    by that of jerk, r1 .. r4 by that of snap.
     """
+
+    a1: float
+    a2: float
+    j1: float
+    j2: float
+    j3: float
+    s1: float
+    s2: float
+    s3: float
+    s4: float
+
+
+class Points(NamedTuple):
+    """The points at which the limits are evaluated, n of them, in ascending order.
+
+    span    span index
+    row     `basis` there
+    r       derivatives of each axis, (n, N)
+    most    largest z that the velocity limits and the feed allow
+    full    0 if only q'''' is evaluated
+    weight  weight of the penalties, s
+    away    weight of the time, m
+    """
+
+    span: Ints
+    row: Records[Basis]
+    r: Records2[Rates]
+    most: Floats
+    full: Ints
+    weight: Floats
+    away: Floats
+
+
+class Room(NamedTuple):
+    """Work arrays of `quickest`: shares and relaxed limits of each point; coefficients, gradient, step and lower band
+    of the Hessian.
+    """
+
+    share: Floats
+    loose: Floats
+    tried: Floats
+    slope: Floats
+    step: Floats
+    band: Floats2
+
+
+@kernel
+def basis(knots: Floats, k: int, x: float) -> Basis:
+    """Return the weights of span k's four coefficients in z .. z''' at x; knots[k+3] <= x <= knots[k+4]."""
     t1 = knots[k + 1]
     t2 = knots[k + 2]
     t3 = knots[k + 3]
@@ -51,29 +127,28 @@ def basis(knots: Floats, k: int, x: float, out: Floats2) -> int:
     n0 = (t4 - x) / (t4 - t2) * p
     n1 = (x - t2) / (t4 - t2) * p + (t5 - x) / (t5 - t3) * q
     n2 = (x - t3) / (t5 - t3) * q
-    out[0, 0] = (t4 - x) / (t4 - t1) * n0
-    out[0, 1] = (x - t1) / (t4 - t1) * n0 + (t5 - x) / (t5 - t2) * n1
-    out[0, 2] = (x - t2) / (t5 - t2) * n1 + (t6 - x) / (t6 - t3) * n2
-    out[0, 3] = (x - t3) / (t6 - t3) * n2
     a0 = 3.0 / (t4 - t1)
     a1 = 3.0 / (t5 - t2)
     a2 = 3.0 / (t6 - t3)
-    out[1, 0] = -a0 * n0
-    out[1, 1] = a0 * n0 - a1 * n1
-    out[1, 2] = a1 * n1 - a2 * n2
-    out[1, 3] = a2 * n2
     b0 = 2.0 / (t4 - t2)
     b1 = 2.0 / (t5 - t3)
-    out[2, 0] = p * b0 * a0
-    out[2, 1] = -p * b0 * (a0 + a1) + q * b1 * a1
-    out[2, 2] = p * b0 * a1 - q * b1 * (a1 + a2)
-    out[2, 3] = q * b1 * a2
     g = 1.0 / (t4 - t3)
-    out[3, 0] = -g * b0 * a0
-    out[3, 1] = g * (b1 * a1 + b0 * (a0 + a1))
-    out[3, 2] = -g * (b1 * (a1 + a2) + b0 * a1)
-    out[3, 3] = g * b1 * a2
-    return 0
+    return Basis(
+        Weights(
+            (t4 - x) / (t4 - t1) * n0,
+            (x - t1) / (t4 - t1) * n0 + (t5 - x) / (t5 - t2) * n1,
+            (x - t2) / (t5 - t2) * n1 + (t6 - x) / (t6 - t3) * n2,
+            (x - t3) / (t6 - t3) * n2,
+        ),
+        Weights(-a0 * n0, a0 * n0 - a1 * n1, a1 * n1 - a2 * n2, a2 * n2),
+        Weights(
+            p * b0 * a0,
+            -p * b0 * (a0 + a1) + q * b1 * a1,
+            p * b0 * a1 - q * b1 * (a1 + a2),
+            q * b1 * a2,
+        ),
+        Weights(-g * b0 * a0, g * (b1 * a1 + b0 * (a0 + a1)), -g * (b1 * (a1 + a2) + b0 * a1), g * b1 * a2),
+    )
 
 
 @kernel
@@ -85,9 +160,9 @@ def _penalty(g: float, loose: float) -> tuple[float, float]:
 
 
 @kernel
-def shares(z: Floats, r: Floats2, most: float, full: bool) -> float:
-    """Return the largest utilization of a limit at a point; r1 .. r4 are scaled by the limits, see `quickest`."""
-    if z[0] <= 0.0:
+def shares(z: Square, r: Records[Rates], most: float, full: bool) -> float:
+    """Return the largest utilization of a limit at a point."""
+    if z.z <= 0.0:
         return _NOT_FORWARD
     z0, z1, z2, z3 = z
     root = sqrt(z0)
@@ -103,24 +178,34 @@ def shares(z: Floats, r: Floats2, most: float, full: bool) -> float:
     return largest
 
 
+class Quadratic(NamedTuple):
+    """Gradient, and upper triangle of the Hessian, with respect to z .. z'''."""
+
+    d0: float
+    d1: float
+    d2: float
+    d3: float
+    b00: float
+    b01: float
+    b02: float
+    b03: float
+    b11: float
+    b12: float
+    b13: float
+    b22: float
+    b23: float
+    b33: float
+
+
 @kernel
 def _expanded(
-    z: Floats,
-    r: Floats2,
-    most: float,
-    full: bool,
-    loose: float,
-    weight: float,
-    away: float,
-    slope: Floats,
-    bend: Floats2,
-) -> int:
-    """Add gradient and Hessian of time and penalties at a point with respect to z .. z'''; `weight` multiplies the
-    penalties, and `away` (m) the time.
+    z: Square, r: Records[Rates], most: float, full: bool, loose: float, weight: float, away: float
+) -> Quadratic:
+    """Return gradient and Hessian of time and penalties at a point; `weight` multiplies the penalties, and `away` (m)
+    the time.
     """
     z0, z1, z2, z3 = z
     root = sqrt(z0)
-    # scalars instead of arrays: lifting takes two thirds of the time, with the same bits
     d0 = -0.5 * away / (z0 * root)
     d1 = 0.0
     d2 = 0.0
@@ -195,94 +280,91 @@ def _expanded(
         b22 = b22 + h2 * g2
         b23 = b23 + h2 * g3
         b33 = b33 + weight * second * g3 * g3
-    slope[0] = d0
-    slope[1] = d1
-    slope[2] = d2
-    slope[3] = d3
-    bend[0] = b00, b01, b02, b03
-    bend[1] = b01, b11, b12, b13
-    bend[2] = b02, b12, b22, b23
-    bend[3] = b03, b13, b23, b33
-    return 0
+    return Quadratic(d0, d1, d2, d3, b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
 
 
 @kernel
-def at(row: Floats2, coefficient: Floats, k: int, z: Floats) -> int:
-    """Evaluate z, z', z'', z''' from the four coefficients of span k and their `basis`."""
+def _weighed(weights: Weights, c0: float, c1: float, c2: float, c3: float) -> float:
+    """Return the number with these weights of the coefficients."""
+    return weights.c0 * c0 + weights.c1 * c1 + weights.c2 * c2 + weights.c3 * c3
+
+
+@kernel
+def at(row: Basis, coefficient: Floats, k: int) -> Square:
+    """Evaluate z .. z''' from the four coefficients of span k and their `basis`."""
     c0 = coefficient[k]
     c1 = coefficient[k + 1]
     c2 = coefficient[k + 2]
     c3 = coefficient[k + 3]
-    for m in range(4):
-        a, b, c, d = row[m]
-        z[m] = a * c0 + b * c1 + c * c2 + d * c3
+    return Square(
+        _weighed(row.z, c0, c1, c2, c3),
+        _weighed(row.z1, c0, c1, c2, c3),
+        _weighed(row.z2, c0, c1, c2, c3),
+        _weighed(row.z3, c0, c1, c2, c3),
+    )
+
+
+@kernel
+def _add_to(band: Floats2, c: int, d: int, value: float) -> int:
+    """Add to the entry of row c that is d left of the diagonal."""
+    band[c, d] = band[c, d] + value
     return 0
 
 
 @kernel
-def _system(
-    span: Ints,
-    row: Floats3,
-    r: Floats3,
-    most: Floats,
-    full: Ints,
-    loose: Floats,
-    weight: Floats,
-    away: Floats,
-    mu: float,
-    coefficient: Floats,
-    slope: Floats,
-    band: Floats2,
-) -> int:
+def _system(points: Points, mu: float, coefficient: Floats, room: Room) -> int:
     """Assemble the gradient of time and penalties with respect to the coefficients, and the lower band of the
     Hessian.
     """
-    z = zeros(4)
-    by = zeros(4)
-    bend = zeros(4, 4)
+    slope = room.slope
+    band = room.band
     for c in range(len(coefficient)):
         slope[c] = 0.0
         band[c] = 0.0, 0.0, 0.0, 0.0
-    m = len(span)
+    m = len(points.span)
     p = 0
     while p < m:
         # all points of a span have the same four coefficients
-        k = int(span[p])
+        k = points.span[p]
         s0 = s1 = s2 = s3 = 0.0
         h00 = h10 = h11 = h20 = h21 = h22 = h30 = h31 = h32 = h33 = 0.0
-        while p < m and int(span[p]) == k:
-            at(row[p], coefficient, k, z)
-            _expanded(z, r[p], most[p], full[p] == 1, loose[p], mu * weight[p], away[p], by, bend)
-            a0, a1, a2, a3 = row[p, 0]
-            b0, b1, b2, b3 = row[p, 1]
-            c0, c1, c2, c3 = row[p, 2]
-            d0, d1, d2, d3 = row[p, 3]
-            t0, t1, t2, t3 = by
+        while p < m and points.span[p] == k:
+            row = points.row[p]
+            z = at(row, coefficient, k)
+            t0, t1, t2, t3, b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = _expanded(
+                z,
+                points.r[p],
+                points.most[p],
+                points.full[p] == 1,
+                room.loose[p],
+                mu * points.weight[p],
+                points.away[p],
+            )
+            a0, a1, a2, a3 = row.z
+            b0, b1, b2, b3 = row.z1
+            c0, c1, c2, c3 = row.z2
+            d0, d1, d2, d3 = row.z3
             s0 = s0 + t0 * a0 + t1 * b0 + t2 * c0 + t3 * d0
             s1 = s1 + t0 * a1 + t1 * b1 + t2 * c1 + t3 * d1
             s2 = s2 + t0 * a2 + t1 * b2 + t2 * c2 + t3 * d2
             s3 = s3 + t0 * a3 + t1 * b3 + t2 * c3 + t3 * d3
             # the rows of the Hessian by z .. z''' times the basis, then the transposed basis times these
-            t0, t1, t2, t3 = bend[0]
-            e0 = t0 * a0 + t1 * b0 + t2 * c0 + t3 * d0
-            e1 = t0 * a1 + t1 * b1 + t2 * c1 + t3 * d1
-            e2 = t0 * a2 + t1 * b2 + t2 * c2 + t3 * d2
-            e3 = t0 * a3 + t1 * b3 + t2 * c3 + t3 * d3
-            t0, t1, t2, t3 = bend[1]
-            f0 = t0 * a0 + t1 * b0 + t2 * c0 + t3 * d0
-            f1 = t0 * a1 + t1 * b1 + t2 * c1 + t3 * d1
-            f2 = t0 * a2 + t1 * b2 + t2 * c2 + t3 * d2
-            f3 = t0 * a3 + t1 * b3 + t2 * c3 + t3 * d3
-            t0, t1, t2, t3 = bend[2]
-            g0 = t0 * a0 + t1 * b0 + t2 * c0 + t3 * d0
-            g1 = t0 * a1 + t1 * b1 + t2 * c1 + t3 * d1
-            g2 = t0 * a2 + t1 * b2 + t2 * c2 + t3 * d2
-            g3 = t0 * a3 + t1 * b3 + t2 * c3 + t3 * d3
-            t0, t1, t2, t3 = bend[3]
-            i0 = t0 * a0 + t1 * b0 + t2 * c0 + t3 * d0
-            i1 = t0 * a1 + t1 * b1 + t2 * c1 + t3 * d1
-            i2 = t0 * a2 + t1 * b2 + t2 * c2 + t3 * d2
-            i3 = t0 * a3 + t1 * b3 + t2 * c3 + t3 * d3
+            e0 = b00 * a0 + b01 * b0 + b02 * c0 + b03 * d0
+            e1 = b00 * a1 + b01 * b1 + b02 * c1 + b03 * d1
+            e2 = b00 * a2 + b01 * b2 + b02 * c2 + b03 * d2
+            e3 = b00 * a3 + b01 * b3 + b02 * c3 + b03 * d3
+            f0 = b01 * a0 + b11 * b0 + b12 * c0 + b13 * d0
+            f1 = b01 * a1 + b11 * b1 + b12 * c1 + b13 * d1
+            f2 = b01 * a2 + b11 * b2 + b12 * c2 + b13 * d2
+            f3 = b01 * a3 + b11 * b3 + b12 * c3 + b13 * d3
+            g0 = b02 * a0 + b12 * b0 + b22 * c0 + b23 * d0
+            g1 = b02 * a1 + b12 * b1 + b22 * c1 + b23 * d1
+            g2 = b02 * a2 + b12 * b2 + b22 * c2 + b23 * d2
+            g3 = b02 * a3 + b12 * b3 + b22 * c3 + b23 * d3
+            i0 = b03 * a0 + b13 * b0 + b23 * c0 + b33 * d0
+            i1 = b03 * a1 + b13 * b1 + b23 * c1 + b33 * d1
+            i2 = b03 * a2 + b13 * b2 + b23 * c2 + b33 * d2
+            i3 = b03 * a3 + b13 * b3 + b23 * c3 + b33 * d3
             h00 = h00 + a0 * e0 + b0 * f0 + c0 * g0 + d0 * i0
             h10 = h10 + a1 * e0 + b1 * f0 + c1 * g0 + d1 * i0
             h11 = h11 + a1 * e1 + b1 * f1 + c1 * g1 + d1 * i1
@@ -298,16 +380,16 @@ def _system(
         slope[k + 1] = slope[k + 1] + s1
         slope[k + 2] = slope[k + 2] + s2
         slope[k + 3] = slope[k + 3] + s3
-        band[k, 0] = band[k, 0] + h00
-        band[k + 1, 0] = band[k + 1, 0] + h11
-        band[k + 1, 1] = band[k + 1, 1] + h10
-        band[k + 2, 0] = band[k + 2, 0] + h22
-        band[k + 2, 1] = band[k + 2, 1] + h21
-        band[k + 2, 2] = band[k + 2, 2] + h20
-        band[k + 3, 0] = band[k + 3, 0] + h33
-        band[k + 3, 1] = band[k + 3, 1] + h32
-        band[k + 3, 2] = band[k + 3, 2] + h31
-        band[k + 3, 3] = band[k + 3, 3] + h30
+        _add_to(band, k, 0, h00)
+        _add_to(band, k + 1, 0, h11)
+        _add_to(band, k + 1, 1, h10)
+        _add_to(band, k + 2, 0, h22)
+        _add_to(band, k + 2, 1, h21)
+        _add_to(band, k + 2, 2, h20)
+        _add_to(band, k + 3, 0, h33)
+        _add_to(band, k + 3, 1, h32)
+        _add_to(band, k + 3, 2, h31)
+        _add_to(band, k + 3, 3, h30)
     return 0
 
 
@@ -329,89 +411,74 @@ def _solved(band: Floats2, first: int, last: int, slope: Floats, step: Floats) -
                 # the Hessian is positive by construction: only rounding can fail here
                 if value <= 0.0:
                     return False
-                band[c, 0] = sqrt(value)
+                band[c, d] = sqrt(value)
             else:
-                band[c, d] = value / band[c - d, 0]
+                band[c, d] = value / _diagonal(band, c - d)
     for c in range(first, last):
         value = -slope[c]
         for d in range(1, 4):
             if c - d >= first:
                 value = value - band[c, d] * step[c - d]
-        step[c] = value / band[c, 0]
+        step[c] = value / _diagonal(band, c)
     for back in range(last - first):
         c = last - 1 - back
         value = step[c]
         for d in range(1, 4):
             if c + d < last:
                 value = value - band[c + d, d] * step[c + d]
-        step[c] = value / band[c, 0]
+        step[c] = value / _diagonal(band, c)
     return True
 
 
 @kernel
-def quickest(
-    span: Ints,
-    row: Floats3,
-    r: Floats3,
-    most: Floats,
-    full: Ints,
-    weight: Floats,
-    away: Floats,
-    coefficient: Floats,
-    penalty: float,
-    last: float,
-    steps: int,
-    share: Floats,
-    loose: Floats,
-    tried: Floats,
-    slope: Floats,
-    step: Floats,
-    band: Floats2,
-) -> int:
+def _diagonal(band: Floats2, c: int) -> float:
+    """Return the entry of row c on the diagonal."""
+    row = band[c]
+    return row[0]
+
+
+@kernel
+def quickest(points: Points, coefficient: Floats, penalty: float, last: float, steps: int, room: Room) -> int:
     """Optimize the spline for time, in place; return the number of points at which it still violates a limit.
 
     Three coefficients at each end are fixed.  At a point that violates a limit, this limit is relaxed, and then
     tightened with each step.  If u'² is not initially positive everywhere, nothing is changed and the result is 1.
 
-    span     span index of each point, ascending; `row` is its `basis`
-    r        r1 .. r4 of each axis over the limits: (n, N, 9) = r1 r2 for q'', r1 r2 r3 for q''', r1 .. r4 for q''''
-    most     largest z that the velocity limits and the feed allow
-    full     0 if only q'''' is evaluated
-    weight   weight of the penalties at a point, s; `away` is the weight of the time, m
     penalty  initial μ; it is reduced stepwise down to `last`
     """
-    z = zeros(4)
+    share = room.share
+    loose = room.loose
     n = len(coefficient)
     above = 0
-    for p in range(len(span)):
-        at(row[p], coefficient, int(span[p]), z)
-        share[p] = shares(z, r[p], most[p], full[p] == 1)
+    for p in range(len(points.span)):
+        z = at(points.row[p], coefficient, points.span[p])
+        share[p] = shares(z, points.r[p], points.most[p], points.full[p] == 1)
         if share[p] >= _NOT_FORWARD:
             return 1
     for _ in range(steps):
         above = 0
-        for p in range(len(span)):
+        for p in range(len(points.span)):
             loose[p] = 1.0 if share[p] < _TOUCHES else _LOOSE * share[p]
             if share[p] >= 1.0:
                 above = above + 1
         # violated limits first: with a small penalty the step would go for time and leave them violated
         if above > 0:
             penalty = max(penalty, _INWARDS)
-        _system(span, row, r, most, full, loose, weight, away, penalty, coefficient, slope, band)
-        if not _solved(band, 3, n - 3, slope, step):
+        _system(points, penalty, coefficient, room)
+        if not _solved(room.band, 3, n - 3, room.slope, room.step):
             break
-        for p in range(len(span)):
+        for p in range(len(points.span)):
             # keep a distance to the barrier: at the limit itself its slope is infinite and the next step would be tiny
             loose[p] = loose[p] - _NEARER * (loose[p] - share[p])
         far = 1.0
         good = False
         for _ in range(_HALVINGS):
             for c in range(n):
-                tried[c] = coefficient[c] + (far * step[c] if c >= 3 and c < n - 3 else 0.0)
+                room.tried[c] = coefficient[c] + (far * room.step[c] if c >= 3 and c < n - 3 else 0.0)
             good = True
-            for p in range(len(span)):
-                at(row[p], tried, int(span[p]), z)
-                share[p] = shares(z, r[p], most[p], full[p] == 1)
+            for p in range(len(points.span)):
+                z = at(points.row[p], room.tried, points.span[p])
+                share[p] = shares(z, points.r[p], points.most[p], points.full[p] == 1)
                 if share[p] > loose[p]:
                     good = False
                     break
@@ -421,7 +488,7 @@ def quickest(
         if not good:
             return max(above, 1)
         for c in range(n):
-            coefficient[c] = tried[c]
+            coefficient[c] = room.tried[c]
         # lower the penalty only after nearly full steps: before, Newton's method has not converged for this one
         if above == 0 and far > 0.3:
             if penalty <= last:
@@ -430,39 +497,59 @@ def quickest(
     return above
 
 
+@kernel
+def tightened(points: Points, first: int, last: int, axis: int, which: int, factor: float) -> int:
+    """Lower the acceleration (`which` 1), jerk (2) or snap (3) limit of an axis at the points from `first` up to but
+    excluding `last`: multiply its derivatives by `factor`.
+    """
+    for p in range(first, last):
+        a1, a2, j1, j2, j3, s1, s2, s3, s4 = points.r[p, axis]
+        if which == 1:
+            points.r[p, axis] = points.r[p, axis]._replace(a1=a1 * factor, a2=a2 * factor)
+        elif which == 2:
+            points.r[p, axis] = points.r[p, axis]._replace(j1=j1 * factor, j2=j2 * factor, j3=j3 * factor)
+        else:
+            points.r[p, axis] = points.r[p, axis]._replace(
+                s1=s1 * factor, s2=s2 * factor, s3=s3 * factor, s4=s4 * factor
+            )
+    return 0
+
+
 GRADE = 0.1  # largest change of the span duration relative to the duration
 _NEAR = 0.998  # usable share of a limit near the ends
 POINTS = 2  # number of points of a span per path piece
 
 
 @kernel
-def tops(kind: Ints, length: Floats, shape: Floats3, feed: Floats, limits: Floats2, out: Floats, most: Floats2) -> int:
+def tops(pieces: Pieces, limits: Records[Limits], out: Floats, most: Records[Slopes]) -> int:
     """Write the largest u' allowed by feed and velocity limits on each piece into `out`.
 
-    `most` is workspace of shape (N, 4).
+    `most` is workspace for each axis.
     """
-    for p in range(len(length)):
-        norm = bounds(kind[p], length[p], shape[p], most)
-        out[p] = cap(most, norm, feed[p], limits, 1e30)
+    for p in range(len(pieces.length)):
+        norm = bounds(Piece(pieces.kind[p], pieces.length[p], pieces.shape[p]), most)
+        out[p] = speed_cap(most, norm, pieces.feed[p], limits, 1e30)
     return 0
 
 
 @kernel
+def _along(r: Records[Derivatives], limits: Records[Limits]) -> Bounds:
+    """Return the acceleration, jerk and snap of u that a line in a direction allows."""
+    a = 1e300
+    j = 1e300
+    s = 1e300
+    for i in range(len(limits)):
+        slope = abs(r[i].first)
+        if slope != 0.0:
+            a = min(a, limits[i].acceleration / slope)
+            j = min(j, limits[i].jerk / slope)
+            s = min(s, limits[i].snap / slope)
+    return Bounds(a, j, s)
+
+
+@kernel
 def ramp_gain(
-    kind: Ints,
-    length: Floats,
-    shape: Floats3,
-    limits: Floats2,
-    duration: Floats,
-    piece: Ints,
-    x: Floats,
-    speed: Floats,
-    acceleration: Floats,
-    jerk: Floats,
-    snap: Floats,
-    first: int,
-    last: int,
-    r: Floats2,
+    pieces: Pieces, limits: Records[Limits], motion: Motion, first: int, last: int, r: Records[Derivatives]
 ) -> float:
     """Return the time, s, that a ramp of time intervals `first` up to but excluding `last` would save if its path were
     straight.
@@ -473,41 +560,26 @@ def ramp_gain(
     """
     lasts = 0.0
     for m in range(first, last):
-        if m > first and acceleration[m] == 0.0 and jerk[m] == 0.0:
+        if m > first and motion.acceleration[m] == 0.0 and motion.jerk[m] == 0.0:
             return 1e300
-        lasts = lasts + duration[m]
-    m = last - 1
-    v = cubic(speed[m], acceleration[m], jerk[m], snap[m], duration[m])
-    rise = abs(v - speed[first])
-    p = int(piece[first])
-    here = x[first]
-    a = 0.0
-    j = 0.0
-    s = 0.0
-    for _ in range(2):
-        derivatives(kind[p], length[p], shape[p], min(here, length[p]), r)
-        slowest = 1e300
-        for i in range(len(limits)):
-            if r[i, 1] != 0.0:
-                slowest = min(slowest, limits[i, 1] / abs(r[i, 1]))
-        a = max(a, slowest)
-        slowest = 1e300
-        for i in range(len(limits)):
-            if r[i, 1] != 0.0:
-                slowest = min(slowest, limits[i, 2] / abs(r[i, 1]))
-        j = max(j, slowest)
-        slowest = 1e300
-        for i in range(len(limits)):
-            if r[i, 1] != 0.0:
-                slowest = min(slowest, limits[i, 3] / abs(r[i, 1]))
-        s = max(s, slowest)
-        p = int(piece[m])
-        here = x[m] + way(speed[m], acceleration[m], jerk[m], snap[m], duration[m])
-        while here > length[p] and p + 1 < len(length):
-            here = here - length[p]
-            p = p + 1
-    b, c, d = boxcars(rise, a, j, s)
-    return (lasts - b - c - d) * 0.5 * rise / max(v, speed[first])
+        lasts = lasts + motion.duration[m]
+    begin = interval_of(motion, first)
+    _, x, v, a, j, s = interval_of(motion, last - 1)
+    t = motion.duration[last - 1]
+    p = int(motion.piece[first])
+    derivatives(pieces.kind[p], pieces.length[p], pieces.shape[p], min(begin.x, pieces.length[p]), r)
+    one = _along(r, limits)
+    p = int(motion.piece[last - 1])
+    here = x + way(v, a, j, s, t)
+    while here > pieces.length[p] and p + 1 < len(pieces.length):
+        here = here - pieces.length[p]
+        p = p + 1
+    derivatives(pieces.kind[p], pieces.length[p], pieces.shape[p], min(here, pieces.length[p]), r)
+    two = _along(r, limits)
+    ends = cubic(v, a, j, s, t)
+    rise = abs(ends - begin.speed)
+    ramp = boxcars(rise, max(one.acceleration, two.acceleration), max(one.jerk, two.jerk), max(one.snap, two.snap))
+    return (lasts - ramp.L1 - ramp.L2 - ramp.L3) * 0.5 * rise / max(ends, begin.speed)
 
 
 @kernel
@@ -549,57 +621,54 @@ def instants(duration: Floats, step: Floats, edge: Floats, out: Floats) -> int:
     return count + 1
 
 
+class State(NamedTuple):
+    """u' .. u''' at an instant."""
+
+    speed: float
+    acceleration: float
+    jerk: float
+
+
+class Reached(NamedTuple):
+    """u .. u''' at an instant."""
+
+    u: float
+    speed: float
+    acceleration: float
+    jerk: float
+
+
 @kernel
-def states(
-    duration: Floats,
-    piece: Ints,
-    x: Floats,
-    speed: Floats,
-    acceleration: Floats,
-    jerk: Floats,
-    snap: Floats,
-    begin: Floats,
-    time: Floats,
-    out: Floats2,
-) -> int:
-    """Evaluate u to u''' of a motion at increasing times; `begin` is u at the start of each path piece."""
+def states(motion: Motion, begin: Floats, time: Floats, out: Records[Reached]) -> int:
+    """Evaluate a motion at increasing times; `begin` is u at the start of each path piece."""
     m = 0
     gone = 0.0
     for k in range(len(time)):
-        while m + 1 < len(duration) and time[k] >= gone + duration[m]:
-            gone = gone + duration[m]
+        while m + 1 < len(motion.duration) and time[k] >= gone + motion.duration[m]:
+            gone = gone + motion.duration[m]
             m = m + 1
+        _, x, v, a, j, s = interval_of(motion, m)
         t = time[k] - gone
-        v = speed[m]
-        a = acceleration[m]
-        j = jerk[m]
-        s = snap[m]
-        out[k, 0] = begin[piece[m]] + x[m] + way(v, a, j, s, t)
-        out[k, 1] = cubic(v, a, j, s, t)
-        out[k, 2] = a + t * (j + 0.5 * t * s)
-        out[k, 3] = j + t * s
+        out[k] = Reached(
+            begin[int(motion.piece[m])] + x + way(v, a, j, s, t),
+            cubic(v, a, j, s, t),
+            a + t * (j + 0.5 * t * s),
+            j + t * s,
+        )
     return 0
 
 
 @kernel
 def points(
-    kind: Ints,
-    length: Floats,
-    shape: Floats3,
+    pieces: Pieces,
     begin: Floats,
     top: Floats,
-    limits: Floats2,
-    shares: Floats,
+    limits: Records[Limits],
+    shares: Limits,
     knots: Floats,
     time: Floats,
-    span: Ints,
-    row: Floats3,
-    r: Floats3,
-    most: Floats,
-    full: Ints,
-    weight: Floats,
-    away: Floats,
-    d: Floats2,
+    out: Points,
+    d: Records[Derivatives],
 ) -> int:
     """Write the points that `quickest` evaluates; return their number.
 
@@ -609,95 +678,97 @@ def points(
 
     begin   u at the start of each path piece
     top     largest speed that feed and velocity limits allow on each piece
-    shares  usable fractions of the velocity to snap limits; larger near the ends, where the state is given
+    shares  usable parts of the limits; larger near the ends, where the state is given
     time    times of the knots in the present motion, s
     """
     count = 0
     p = 0
-    axes = len(limits)
     n = len(time) - 1
     for k in range(n):
         # the given states at the ends use the limits almost fully: smaller shares would be violated from the start
         near = k < 3 or k >= n - 3
+        a_share = _NEAR if near else shares.acceleration
+        j_share = _NEAR if near else shares.jerk
+        s_share = _NEAR if near else shares.snap
         x = knots[k + 3]
         ends = knots[k + 4]
         first = count
         while x < ends:
-            while p + 1 < len(length) and begin[p + 1] <= x:
+            while p + 1 < len(pieces.length) and begin[p + 1] <= x:
                 p = p + 1
-            e = min(ends, begin[p + 1]) if p + 1 < len(length) else ends
+            length = pieces.length[p]
+            e = min(ends, begin[p + 1]) if p + 1 < len(pieces.length) else ends
             for place in range(POINTS):
                 here = x if place == 0 else e
-                span[count] = k
-                basis(knots, k, here, row[count])
-                derivatives(kind[p], length[p], shape[p], min(max(here - begin[p], 0.0), length[p]), d)
-                most[count] = top[p] * top[p] * (1.0 if near else shares[0] * shares[0])
-                a_share = _NEAR if near else shares[1]
-                j_share = _NEAR if near else shares[2]
-                s_share = _NEAR if near else shares[3]
-                full[count] = 1 if place == 0 else 0
-                away[count] = 0.5 * (e - x)
-                for i in range(axes):
-                    for c in range(2):
-                        r[count, i, c] = d[i, c + 1] / (limits[i, 1] * a_share)
-                    for c in range(3):
-                        r[count, i, 2 + c] = d[i, c + 1] / (limits[i, 2] * j_share)
-                    for c in range(4):
-                        r[count, i, 5 + c] = d[i, c + 1] / (limits[i, 3] * s_share)
+                out.span[count] = k
+                out.row[count] = basis(knots, k, here)
+                derivatives(pieces.kind[p], length, pieces.shape[p], min(max(here - begin[p], 0.0), length), d)
+                out.most[count] = top[p] * top[p] * (1.0 if near else shares.velocity * shares.velocity)
+                out.full[count] = 1 if place == 0 else 0
+                out.away[count] = 0.5 * (e - x)
+                for i in range(len(limits)):
+                    _, r1, r2, r3, r4 = d[i]
+                    a = limits[i].acceleration * a_share
+                    j = limits[i].jerk * j_share
+                    s = limits[i].snap * s_share
+                    out.r[count, i] = Rates(r1 / a, r2 / a, r1 / j, r2 / j, r3 / j, r1 / s, r2 / s, r3 / s, r4 / s)
                 count = count + 1
             x = e
         for c in range(first, count):
-            weight[c] = (time[k + 1] - time[k]) / (count - first)
-    full[0] = 0  # the state at the start is given
+            out.weight[c] = (time[k + 1] - time[k]) / (count - first)
+    out.full[0] = 0  # the state at the start is given
     return count
 
 
 @kernel
-def _bent(first: int, last: int, miss: Floats, duration: Floats, snap: Floats, row: Floats2, system: Floats2) -> int:
+def _bent(first: int, last: int, miss: Reached, duration: Floats, snap: Floats, moments: Floats2) -> int:
     """Apply the smallest change of the snaps of spans `first` up to but excluding `last` that adds `miss` to the
-    state at their end.
+    state at their end; `moments` is workspace with a row for each of these spans.
     """
     whole = 0.0
     for m in range(first, last):
         whole = whole + duration[m]
-    for c in range(4):
-        for b in range(4):
-            system[c, b] = 0.0
+    system = zeros(4, 4)
+    right = zeros(4)
     # miss of u''', u'', u', u in units of that time
-    system[0, 4] = miss[3] / whole
-    system[1, 4] = miss[2] / (whole * whole)
-    system[2, 4] = miss[1] / (whole * whole * whole)
-    system[3, 4] = miss[0] / (whole * whole * whole * whole)
+    scale = 1.0
+    for c in range(4):
+        scale = scale * whole
+        value = miss.jerk if c == 0 else (miss.acceleration if c == 1 else (miss.speed if c == 2 else miss.u))
+        right[c] = value / scale
     left = 1.0
     for m in range(first, last):
+        moment = moments[m - first]
         low = max(left - duration[m] / whole, 0.0)
         # a snap from `left` to `low` before the end adds (leftᶜ - lowᶜ) / c!
         p = left
         q = low
         for c in range(4):
-            row[m - first, c] = (p - q) / (1.0 if c == 0 else (2.0 if c == 1 else (6.0 if c == 2 else 24.0)))
+            moment[c] = (p - q) / (1.0 if c == 0 else (2.0 if c == 1 else (6.0 if c == 2 else 24.0)))
             p = p * left
             q = q * low
         for c in range(4):
             for b in range(4):
-                system[c, b] = system[c, b] + row[m - first, c] * row[m - first, b] / row[m - first, 0]
+                system[c, b] = system[c, b] + moment[c] * moment[b] / moment[0]
         left = low
     # symmetric and positive definite: elimination needs no pivoting
     for c in range(4):
         for b in range(c + 1, 4):
             f = system[b, c] / system[c, c]
-            for k in range(c, 5):
+            for k in range(c, 4):
                 system[b, k] = system[b, k] - f * system[c, k]
+            right[b] = right[b] - f * right[c]
     for back in range(4):
         c = 3 - back
         for b in range(c + 1, 4):
-            system[c, 4] = system[c, 4] - system[c, b] * system[b, 4]
-        system[c, 4] = system[c, 4] / system[c, c]
+            right[c] = right[c] - system[c, b] * right[b]
+        right[c] = right[c] / system[c, c]
     for m in range(first, last):
+        moment = moments[m - first]
         add = 0.0
         for c in range(4):
-            add = add + row[m - first, c] * system[c, 4]
-        snap[m] = snap[m] + add / row[m - first, 0]
+            add = add + moment[c] * right[c]
+        snap[m] = snap[m] + add / moment[0]
     return 0
 
 
@@ -706,42 +777,31 @@ def in_time(
     knots: Floats,
     coefficient: Floats,
     begin: Floats,
-    ends: Floats2,
+    starts: State,
+    ends: State,
     together: int,
-    duration: Floats,
-    piece: Ints,
-    x: Floats,
-    speed: Floats,
-    acceleration: Floats,
-    jerk: Floats,
-    snap: Floats,
-    at_knots: Floats2,
-    room: Floats2,
-    system: Floats2,
+    motion: Motion,
+    at_knots: Records[State],
+    moments: Floats2,
 ) -> bool:
     """Write a time interval of constant snap for each span; return False if the spline is not positive everywhere.
 
     Each group of `together` intervals ends exactly in the state of the spline.
 
     The duration of a span is ∫ du/√z by four-point Gauss quadrature; its snap reproduces the change of u''' along the
-    spline, with a small correction so that u, u' and u'' match as well.  `ends` are u' .. u''' at the start and the
-    end.
+    spline, with a small correction so that u, u' and u'' match as well.  The given states at the start and the end
+    apply, whatever rounding makes of z there.
     """
-    n = len(duration)
-    z = zeros(4)
-    miss = zeros(4)
+    n = len(motion.duration)
     for k in range(n + 1):
         near = min(k, n - 1)
-        basis(knots, near, knots[k + 3], room)
-        at(room, coefficient, near, z)
-        # at the ends the given states apply, whatever rounding makes of z
-        if z[0] <= 0.0 and k > 0 and k < n:
+        z = at(basis(knots, near, knots[k + 3]), coefficient, near)
+        if z.z <= 0.0 and k > 0 and k < n:
             return False
-        v = sqrt(max(z[0], 0.0))
-        at_knots[k] = v, 0.5 * z[1], 0.5 * v * z[2]
-    for c in range(3):
-        at_knots[0, c] = ends[0, c]
-        at_knots[n, c] = ends[1, c]
+        v = sqrt(max(z.z, 0.0))
+        at_knots[k] = State(v, 0.5 * z.z1, 0.5 * v * z.z2)
+    at_knots[0] = starts
+    at_knots[n] = ends
     for k in range(n):
         h = knots[k + 4] - knots[k + 3]
         lasts = 0.0
@@ -749,45 +809,42 @@ def in_time(
             place = 0.8611363115940526 if number % 2 == 0 else 0.3399810435848563
             share = 0.3478548451374538 if number % 2 == 0 else 0.6521451548625461
             place = 0.5 - 0.5 * place if number < 2 else 0.5 + 0.5 * place
-            basis(knots, k, knots[k + 3] + place * h, room)
-            at(room, coefficient, k, z)
-            if z[0] <= 0.0:
+            z = at(basis(knots, k, knots[k + 3] + place * h), coefficient, k)
+            if z.z <= 0.0:
                 return False
-            lasts = lasts + 0.5 * share * h / sqrt(z[0])
-        duration[k] = lasts
-        snap[k] = (at_knots[k + 1, 2] - at_knots[k, 2]) / lasts
+            lasts = lasts + 0.5 * share * h / sqrt(z.z)
+        motion.duration[k] = lasts
+        motion.snap[k] = (at_knots[k + 1].jerk - at_knots[k].jerk) / lasts
     p = 0
     first = 0
     while first < n:
         # the last group takes the remainder, since fewer than four spans cannot meet four conditions
         last = first + together if n - first >= 2 * together else n
+        wanted = at_knots[last]
         for again in range(3):
             u = 0.0
-            v = at_knots[first, 0]
-            a = at_knots[first, 1]
-            j = at_knots[first, 2]
+            v, a, j = at_knots[first]
             for k in range(first, last):
-                t = duration[k]
-                s = snap[k]
+                t = motion.duration[k]
+                s = motion.snap[k]
                 if again == 2:
                     here = knots[first + 3] + u
                     while p + 2 < len(begin) and begin[p + 1] <= here:
                         p = p + 1
-                    piece[k] = p
-                    x[k] = here - begin[p]
-                    speed[k] = v
-                    acceleration[k] = a
-                    jerk[k] = j
+                    motion.piece[k] = p
+                    motion.x[k] = here - begin[p]
+                    motion.speed[k] = v
+                    motion.acceleration[k] = a
+                    motion.jerk[k] = j
                 u = u + way(v, a, j, s, t)
                 v = cubic(v, a, j, s, t)
                 a = a + t * (j + 0.5 * t * s)
                 j = j + t * s
             if again < 2:
                 # the second pass removes the rounding error of the first
-                miss[0] = knots[last + 3] - knots[first + 3] - u
-                miss[1] = at_knots[last, 0] - v
-                miss[2] = at_knots[last, 1] - a
-                miss[3] = at_knots[last, 2] - j
-                _bent(first, last, miss, duration, snap, room, system)
+                miss = Reached(
+                    knots[last + 3] - knots[first + 3] - u, wanted.speed - v, wanted.acceleration - a, wanted.jerk - j
+                )
+                _bent(first, last, miss, motion.duration, motion.snap, moments)
         first = last
     return True

@@ -12,6 +12,8 @@ from feeddrive.comparison.compare import TODAY
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.quantity import DRAWN
+from feeddrive.loop.box import AUTO, BOXES
 from feeddrive.loop.control import Control
 from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name
 from feeddrive.studio.works import Shown, compared
@@ -26,6 +28,7 @@ class Compare(Room):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
+        self.box = AUTO
         self.begin()
 
     def begin(self) -> None:
@@ -46,6 +49,9 @@ class Compare(Room):
             "ready": True,
             "always": PLAIN,
             "laws": [{"name": e.name, "wanted": e.name not in self.left_out, "remark": e.remark} for e in fit],
+            "box": self.box,
+            "offered": list(BOXES),
+            "over": bench.over(self.box).shown(replace(DRAWN, rotary=bench.rotary)),
             "refused": [{"name": refusal.name, "reason": refusal.reason} for refusal in refused],
             "found": None,
         }
@@ -69,6 +75,13 @@ class Compare(Room):
         self.left_out = set(known) - {PLAIN, *wanted}
 
     @act
+    def over(self, asked: Asked) -> None:
+        """Set the box of plants over which the rule holds, as the option --box states it; empty: the default."""
+        box = asked.text("box").strip() or AUTO
+        self.desk.needed.over(box)
+        self.box = box
+
+    @act
     def start(self, asked: Asked) -> None:
         """Tune and evaluate the selected laws. Completed ones are reused in the next comparison."""
         bench = self.desk.needed
@@ -81,7 +94,7 @@ class Compare(Room):
             self.desk.machine_path(),
             axis=bench.axis,
             law=wanted if self.left_out else (),
-            box="none",
+            box=self.box,
             starts=int(asked.number("starts")),
             keep=self.desk.folder / "compared_laws",
         )

@@ -17,19 +17,22 @@ from feeddrive.files.machine import read_machine
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import DRAWN, number
+from feeddrive.loop.box import BOXES
 from feeddrive.loop.control import Control
+from feeddrive.loop.loop import Loop
 from feeddrive.plot.chart import Chart, Curve, Panel
 from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name
 from feeddrive.studio.jobs import Found
-from feeddrive.studio.pictures import charts
+from feeddrive.studio.pictures import WORST, charts
 from feeddrive.studio.works import Shown, tuned
-from feeddrive.tuning.by_hand import Look
+from feeddrive.tuning.by_hand import ByHand, Look
+from feeddrive.tuning.operating_point import modelled_point
 from feeddrive.workflow.command import Field, fields_of
 from feeddrive.workflow.tune import TuneRequest
 from feeddrive.workflow.tune_sources import has_integral
 
 _LIMITS = tuple(figure.limit.option for figure in limitable() if figure.limit is not None)
-_SHOWN = ("goal", *_LIMITS, "reading_noise", "band", "filters", "law", "starts")
+_SHOWN = ("goal", *_LIMITS, "box", "reading_noise", "band", "filters", "law", "starts")
 
 
 def _option(figure: Figure) -> str:
@@ -44,6 +47,7 @@ _NO_INTEGRAL = (
     "the current control has no integral action, which the goal rope-snap needs: write cascade_ppi into the field law, "
     "so that the search begins with one, or take the goal stiffness"
 )
+_OFFERED = {"box": BOXES}  # words among which the page lets choose, beside a text of one's own
 _FAR = 20.0  # dB above the curves, within which the picture reaches up to the limit
 _TODAY, _NOW, _BEST, _FOUND = "today", "now", "best so far", "found"
 FIELDS: Mapping[str, Field] = {field.name: field for field in fields_of(TuneRequest) if field.name in _SHOWN}
@@ -76,6 +80,7 @@ class Goal(Room):
         words |= {
             "ready": True,
             "begins": self._begins(),
+            "over": self._over(),
             "levels": self._levels(drawn),
             "best": self.best is not None,
             **self._result(),
@@ -123,7 +128,7 @@ class Goal(Room):
                 self.best = report.best
 
         def then(shown: Shown) -> None:
-            self.result, self.best = shown, shown.result
+            self.result, self.best = shown, shown.result.control
             self.desk.did("tune", request, self._best())
 
         self.desk.start(self.name, "tune", partial(tuned, request), then, met)
@@ -157,6 +162,9 @@ class Goal(Room):
 
     def _take(self, settings: dict[str, Any]) -> None:
         """Adopt goal and limits; the limits also apply to manual tuning."""
+        bench = self.desk.bench
+        if bench is not None and "box" in settings:
+            bench.over(settings["box"])
         # any machine would do: the request raises ParameterError for settings that are invalid
         self.desk.limits = TuneRequest("ball_screw", **settings).limits()
         self.settings = settings
@@ -167,7 +175,7 @@ class Goal(Room):
         # a result that was accepted keeps its directory, to which an undo may return
         out = free_name(self.desk.folder, "tuned")
         places: dict[str, Any] = {"at": tuple(source.at), "axis": bench.axis or None}
-        settings: dict[str, Any] = {**self.settings, "box": "none", "out": out, **places}
+        settings: dict[str, Any] = {**self.settings, "out": out, **places}
         if bench.from_machine:
             return TuneRequest(self.desk.machine_path(), **settings)
         baseline = None if bench.machine is None else self.desk.machine_path()
@@ -180,6 +188,12 @@ class Goal(Room):
             delay=source.delay,
             **settings,
         )
+
+    def _over(self) -> str:
+        """Return over which plants the limits hold."""
+        bench = self.desk.needed
+        text = bench.over(self.settings.get("box", FIELDS["box"].default))
+        return text.shown(replace(DRAWN, rotary=bench.rotary))
 
     def _begins(self) -> str:
         """Return a remark to be shown before a search starts; empty if there is none."""
@@ -223,6 +237,7 @@ class Goal(Room):
             "meaning": declared.meaning,
             "unit": declared.unit if field.kind is float else "",
             "options": list(declared.options or ()),
+            "offered": list(_OFFERED.get(field.name, ())),
             "value": shown,
         }
 
@@ -268,12 +283,23 @@ class Goal(Room):
             known = self._looks[name] = (control, bench.by_hand.at(bench.by_hand.values))
         return known[1]
 
+    def _at(self, picture: str, loop: Loop) -> Look:
+        """Return the result at the worst plant of its box."""
+        known = self._looks.get(picture)
+        if known is None or known[0] != loop.control:
+            by_hand = ByHand(loop.control, [modelled_point(loop, WORST)], self.desk.limits)
+            known = self._looks[picture] = (loop.control, by_hand.at(by_hand.values))
+        return known[1]
+
     def _charts(self) -> dict[str, Chart]:
         bench = self.desk.needed
         controls = {_TODAY: bench.before.start, _NOW: bench.by_hand.control(self.desk.values)}
         if self.best is not None:
             controls[_BEST if self.result is None else _FOUND] = self.best
-        drawn = charts(bench, {name: self._look(name, control) for name, control in controls.items()})
+        looks = {name: self._look(name, control) for name, control in controls.items()}
+        drawn = charts(bench, looks)
+        for picture, loop in ({} if self.result is None else self.result.result.worst).items():
+            drawn |= charts(bench, {**looks, WORST: self._at(picture, loop)}, names=(picture,))
         if "sensitivity" in drawn:
             drawn["sensitivity"] = self._up_to_limit(drawn["sensitivity"])
         if len(self.costs) > 1:

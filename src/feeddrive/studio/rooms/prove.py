@@ -10,7 +10,7 @@ from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import ParameterError
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, act, free_name
 from feeddrive.studio.rooms.take import whole
-from feeddrive.studio.works import Shown, circle_shown, circled, program_run, reported
+from feeddrive.studio.works import Shown, circle_shown, circled, part_corrected, program_run, reported
 from feeddrive.workflow.certify import CertifyRequest
 from feeddrive.workflow.circle import CircleRequest
 from feeddrive.workflow.run_job import RunRequest
@@ -108,7 +108,7 @@ class Prove(Room):
             self.desk.did("setpath", request, held.control)
             self._put("corrected", held, shown)
 
-        self.desk.start(self.name, f"correct {name}", partial(reported, "setpath", request), then)
+        self.desk.start(self.name, f"correct {name}", partial(part_corrected, request), then)
 
     def _job(self, asked: Asked) -> tuple[str, Path]:
         """Return the name of the chosen part program, and a job that runs it under the current controller."""
