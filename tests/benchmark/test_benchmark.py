@@ -32,7 +32,7 @@ from feeddrive.tuning.candidates import PLAIN
 from feeddrive.version import __version__
 from slow_share import all_but
 
-RULES = read_rules()
+RULES = read_rules(1)
 SNAP, STIFF, SETTLING = FIGURES[0], FIGURES[1], FIGURES[5]
 QUICK = "rotary_table"
 
@@ -164,14 +164,15 @@ def test_a_law_of_ones_own_is_searched_and_put_into_the_table(
     rows = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["rows"]
     snaps = {each["law"]: each["figures"][SNAP.key] for each in rows}
     assert snaps["own P-PI"] == pytest.approx(snaps[PLAIN], rel=0.01)
-    assert [path.name for path in (tmp_path / "kept" / QUICK).iterdir()] == ["own_p_pi.json"]
+    kept = [path.relative_to(tmp_path / "kept").as_posix() for path in (tmp_path / "kept").rglob("*.json")]
+    assert kept == [f"stiffness_0_2_mass_0_2_dead_time_1sample/{QUICK}/own_p_pi.json"]  # in the box of the rules
     assert "own P-PI" in capsys.readouterr().out
 
 
 @pytest.mark.slow(reason="linear models of all stored designs at the positions of the long screw")
 def test_the_rule_is_kept_at_every_position() -> None:
     plant = RULES.plants["screw_long"]
-    known = Designs(folder() / "designs", plant.name, RULES.version)
+    known = Designs(folder(1) / "designs", plant.name, RULES.version)
     for each in Lineup.of(plant.model).searched:
         design = known.design(each.name)
         if design is None or design.refused:
@@ -201,7 +202,7 @@ def test_the_table_is_there_for_papers(tmp_path: Path) -> None:
 def stale(name: str) -> list[str]:
     """The stored designs of a plant that do not belong to the present code."""
     plant = RULES.plants[name]
-    known = Designs(folder() / "designs", name, RULES.version)
+    known = Designs(folder(1) / "designs", name, RULES.version)
     said: list[str] = []
     for each in Lineup.of(plant.model).searched:
         design = known.design(each.name)
@@ -214,7 +215,7 @@ def stale(name: str) -> list[str]:
 
 @pytest.mark.parametrize("name", all_but([QUICK], list(RULES.plants), "the linear models of all laws"))
 def test_stored_designs_belong_to_the_present_code(name: str) -> None:
-    known = Designs(folder() / "designs", name, RULES.version)
+    known = Designs(folder(1) / "designs", name, RULES.version)
     assert known.design(PLAIN) is not None
     assert stale(name) == []
 
@@ -222,7 +223,7 @@ def test_stored_designs_belong_to_the_present_code(name: str) -> None:
 def test_a_design_whose_figures_have_moved_is_stale() -> None:
     plant = RULES.plants[QUICK]
     candidate = Lineup.of(plant.model).searched[0]
-    design = Designs(folder() / "designs", QUICK, RULES.version).design(PLAIN)
+    design = Designs(folder(1) / "designs", QUICK, RULES.version).design(PLAIN)
     assert design is not None
     loop = replace(candidate.loop, control=design.control(candidate))
     assert design.stale(loop, plant.rule) == ""

@@ -26,7 +26,7 @@ def benchmark(ratio: float) -> Benchmark:
     loop = read_machine("linear_motor").loop("x")
     law = figures | {SNAP.key: (ratio if SNAP.higher else 1.0 / ratio)}
     return Benchmark(
-        read_rules(),
+        read_rules(1),
         ("a",),
         (Competitor(PLAIN, loop, figures, plant="a"), Competitor("law", loop, law, plant="a")),
         0,

@@ -147,12 +147,11 @@ def job(bound: float) -> list[str]:
 
 
 def changing() -> list[str]:
-    """A log whose mass shows in the last fifth alone: a fit without that stretch cannot predict it."""
+    """A log in whose last fifth a quarter of the mass has left the table: no value is sure to 2.5 %."""
     t = T * np.arange(8000)
-    gate = np.where(t > 6.4, np.sin(np.pi * np.clip((t - 6.4) / 1.6, 0.0, 1.0)) ** 2, 0.0)
-    x = 0.03 * np.sin(0.5 * np.pi * t) + 0.02 * gate * np.sin(8.0 * np.pi * t)
+    x = 0.03 * np.sin(0.5 * np.pi * t) + 0.005 * np.sin(8.0 * np.pi * t)
     v = np.gradient(x, T)
-    f = MASS * np.gradient(v, T) + VISCOUS * v + COULOMB * np.sign(v)
+    f = MASS * np.where(t > 6.4, 0.75, 1.0) * np.gradient(v, T) + VISCOUS * v + COULOMB * np.sign(v)
     f += 8.0 * np.random.default_rng(1).standard_normal(t.size)
     table("motion.csv", "t_s,x,f", t, 1e3 * x, f)
     return ["identify", "motion.csv", "--position", "x:mm", "--force", "f:N"]
@@ -326,7 +325,7 @@ def scored(*words: str, without: str = "") -> list[str]:
         return replace(found, rows=tuple(rows))
 
     PATCH.setattr(module, "score", score)
-    return ["benchmark", "--plant", "rotary_table", *words]
+    return ["benchmark", "--rules", "1", "--plant", "rotary_table", *words]
 
 
 def commissioned(force: float) -> list[str]:

@@ -77,7 +77,7 @@ def test_a_cluster_compares_to_the_same_bits(alone: Comparison, cluster: DaskClu
 
 
 def test_processes_and_a_cluster_score_to_the_same_bits(cluster: DaskCluster) -> None:
-    rules = read_rules()
+    rules = read_rules(1)
     asked: dict[str, Any] = {"plants": [rules.plants[PLANT]], "laws": ["DADSC", "LADRC"]}
     alone = json.dumps(summary(score(rules, **asked)))
     for engine in (Engine(2), Engine(scheduler=cluster.address)):
@@ -165,7 +165,7 @@ def test_a_stopped_comparison_begins_anew_without_resume(tmp_path: Path) -> None
 
 
 def test_a_benchmark_that_was_stopped_is_resumed(tmp_path: Path) -> None:
-    asked: dict[str, Any] = {"plant": (PLANT,), "law": ("DADSC", "LADRC"), "workers": 1}
+    asked: dict[str, Any] = {"rules": 1, "plant": (PLANT,), "law": ("DADSC", "LADRC"), "workers": 1}
     out, beside = tmp_path / "out", tmp_path / "out_cases"
     with pytest.raises(CancelledError, match=r"finished cases in .*out_cases: 2; go on with --resume"):
         benchmark.run(BenchmarkRequest(out=out, **asked), Stopping(f"{PLANT}: DADSC"))

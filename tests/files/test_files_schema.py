@@ -50,7 +50,7 @@ READERS: Mapping[str, Callable[[Path], Any]] = {
     "limits": lambda path: planned_limits(None, path),
     "rules": lambda path: read_section(Rules, read_toml(path).root()),
 }
-RULES = folder() / "rules.toml"
+RULES = folder(1) / "rules.toml"
 MACHINES = sorted((machine.BUNDLED / "machines").glob("*.toml"))
 JOBS = sorted((machine.BUNDLED / "jobs").glob("*.toml"))
 STUDIES = sorted((machine.BUNDLED / "studies").glob("*.toml"))

@@ -32,7 +32,7 @@ from feeddrive.loop.box import Box
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning.filters import with_notch_and_low_pass
 
-VERSION = 1  # of the present rules
+VERSION = 2  # of the present rules
 FILTERS = ("kept", "free")
 
 

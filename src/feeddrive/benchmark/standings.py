@@ -199,7 +199,8 @@ def missing_table(benchmark: Benchmark) -> Table:
         if row.kind == UNSEARCHED and row.plant in named:
             unsearched.setdefault(row.name, []).append(row.plant)
     for law, plants in unsearched.items():
-        where = "all others" if len(plants) == len(named) else ", ".join(plants)
+        everywhere = "all" if len(named) == len(benchmark.plants) else "all others"
+        where = everywhere if len(plants) == len(named) else ", ".join(plants)
         rows.append([Text(f"{law}: not searched"), where, "--retune searches it"])
     return Table("What is missing", ["what", "plants", "reason"], rows, sentences=2)
 
