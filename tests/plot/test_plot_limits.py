@@ -14,8 +14,9 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.machining.circle_test import CirclePath, circle_test
 from feeddrive.plot import complex_plane, over_frequency, part_program
 from feeddrive.plot.chart import LINEAR, LOG, Chart, Curve, Panel
+from feeddrive.plot.drawing import drawn
 from feeddrive.plot.identification import cogging_chart, residuals_chart
-from feeddrive.plot.laws import ratios_chart
+from feeddrive.plot.laws import ratios_chart, scores_chart
 from feeddrive.plot.machining import _division, circle_unrolled_chart, lobes_chart
 from feeddrive.plot.over_time import Channel, alike, log_chart, scope_chart, steady_range, step_response_chart
 from feeddrive.plot.style import envelope
@@ -319,3 +320,21 @@ def test_a_division_of_a_circle_is_1_2_or_5_times_a_power_of_ten(wanted: float, 
 @pytest.mark.parametrize(("top", "stays"), [(8.0, True), (6.0, False)])
 def test_a_range_stays_while_curves_use_four_tenths_of_it(top: float, stays: bool) -> None:
     assert (steady_range(np.array([3.0, top]), (0.0, 10.0)) == (0.0, 10.0)) is stays
+
+
+@pytest.mark.parametrize(("least", "shown"), [(0.06, True), (3e-3, False)])
+def test_numbers_of_narrow_panels_do_not_touch(least: float, shown: bool) -> None:
+    """In three panels of one decade 2 and 5 are labeled, of two they are not: they were written over each other."""
+    ratios = [([least, 1.0], 0.5)]
+    figure = drawn(scores_chart((["a"], {name: ratios for name in ("snap", "tracking", "cutting")})))
+    figure.canvas.draw()
+    for ax in figure.axes:
+        low, high = ax.get_xlim()
+        inside = [
+            label
+            for label, at in zip(ax.get_xticklabels(), ax.get_xticks(), strict=True)
+            if low <= at <= high and label.get_text()
+        ]
+        assert ("0.5" in [label.get_text() for label in inside]) == shown
+        boxes = [label.get_window_extent() for label in inside]
+        assert all(left.x1 < right.x0 for left, right in zip(boxes, boxes[1:], strict=False))

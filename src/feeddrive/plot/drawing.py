@@ -102,6 +102,7 @@ _DASHED: Dashes = (0, (4, 3))
 # dashes of limits that the legend distinguishes
 _LIMITS: tuple[Dashes, ...] = (_DASHED, (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 1.5)))
 _MANY, _FEW = 1e4, 1e2  # logarithmic ranges: above, only some decades are labeled; below, 2 and 5 are labeled too
+_DECADES = 5.0  # on the x axes of a row of panels: up to so many, 2 and 5 are labeled too
 _COLD, _HOT = 1.1, 2.6  # line width of the smallest and the largest value
 
 
@@ -209,7 +210,9 @@ def _abscissa(ax: Axes, abscissa: Abscissa, panel: Panel, across: int) -> None:
         ax.set_xlim(abscissa.low, abscissa.high)
     if abscissa.scale == looks.LOG:
         ax.set_xscale("log")
-        style.plain_decades(ax.xaxis, between=True)
+        low, high = ax.get_xlim()
+        # three numbers a decade touch each other where narrow panels have many decades
+        style.plain_decades(ax.xaxis, between=across * np.log10(high / low) <= _DECADES)
     if abscissa.ticks is not None:
         _ticks(ax.xaxis, abscissa.ticks)
     elif abscissa.scale == looks.LINEAR and across > 1:
