@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from types import SimpleNamespace as Stand
 from typing import Any
 
@@ -326,7 +327,7 @@ def test_a_range_stays_while_curves_use_four_tenths_of_it(top: float, stays: boo
 def test_numbers_of_narrow_panels_do_not_touch(least: float, shown: bool) -> None:
     """In three panels of one decade 2 and 5 are labeled, of two they are not: they were written over each other."""
     ratios = [([least, 1.0], 0.5)]
-    figure = drawn(scores_chart((["a"], {name: ratios for name in ("snap", "tracking", "cutting")})))
+    figure = drawn(scores_chart((["a"], dict.fromkeys(("snap", "tracking", "cutting"), ratios))))
     figure.canvas.draw()
     for ax in figure.axes:
         low, high = ax.get_xlim()
@@ -337,4 +338,4 @@ def test_numbers_of_narrow_panels_do_not_touch(least: float, shown: bool) -> Non
         ]
         assert ("0.5" in [label.get_text() for label in inside]) == shown
         boxes = [label.get_window_extent() for label in inside]
-        assert all(left.x1 < right.x0 for left, right in zip(boxes, boxes[1:], strict=False))
+        assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
