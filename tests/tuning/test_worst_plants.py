@@ -17,6 +17,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.box import Box, Corner
+from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning import criteria, tune
 from feeddrive.tuning.candidates import candidates
@@ -48,9 +49,26 @@ def table() -> Loop:
     return fd.read_machine("machining_center").loop("x")
 
 
+class Reports(Progress):
+    """The best controls so far, as a search reports them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.best = list[Control]()
+
+    def show_better(self, cost: float, best: object) -> None:
+        assert isinstance(best, Control)
+        self.best.append(best)
+
+
 @pytest.fixture(scope="module")
-def held(motor: Loop) -> Tuned:
-    return tune_control(motor, filters="kept", box=Box())
+def reports() -> Reports:
+    return Reports()
+
+
+@pytest.fixture(scope="module")
+def held(motor: Loop, reports: Reports) -> Tuned:
+    return tune_control(motor, filters="kept", box=Box(), progress=reports)
 
 
 def examined(loop: Loop, box: Box, limits: Limits | None = None, velocity: float = 0.05) -> OverBox:
@@ -103,6 +121,19 @@ def test_a_limit_that_is_used_up_everywhere_hides_no_other(table: Loop) -> None:
         for limits in (Limits(), Limits(compliance_peak_m_per_N=0.05e-6))
     ]
     assert most[1] == pytest.approx(most[0], rel=1e-6)
+
+
+def test_what_a_search_reports_on_its_way_keeps_the_limits_at_the_corners(
+    held: Tuned, reports: Reports, motor: Loop
+) -> None:
+    """Who stops a search takes the last report: until now the first one was that of the model alone, and the best."""
+    assert held.box is not None
+    assert reports.best
+    for control in reports.best:
+        spread = examined(replace(motor, control=control), Box()).spread(SENSITIVITY_PEAK)
+        assert spread is not None
+        assert spread.worst is not None
+        assert spread.worst <= 2.0 * 1.01  # a plant between the corners may still join
 
 
 def test_limits_hold_over_the_box(held: Tuned, motor: Loop, draws: ModuleType) -> None:

@@ -87,7 +87,8 @@ class Search:
         def accepted(x: np.ndarray, evaluation: Evaluation) -> None:
             nonlocal best
             cost = float(np.exp(np.max(evaluation.goal)))
-            if cost < best and self.broken(evaluation) <= 0.0:
+            # a search ends at a bound, with its reserve used up by rounding
+            if cost < best and self.broken(evaluation) <= _ROOM:
                 best = cost
                 progress.better(cost, tree.vary(control, dict(zip(names, np.exp(x).tolist(), strict=True))))
 

@@ -407,11 +407,18 @@ class Tuner:
         low, high = box(control, names, x, self.points[0].sample_time)
         rough = control.law.period() > 1
         search = Search(self.criteria(control, names, rough=rough), low, high)
-        search.report_to(self.progress, control, names)
+        if not self.boxes:
+            search.report_to(self.progress, control, names)
         self.progress.step("where to begin")
         first = self._begin(search, x, speeds(control, names))
         self.progress.step(f"{len(names)} tunables, first search")
         first = self._over_corners(search, control, names, first, rough=rough, prune=True)
+        if self.boxes:
+            # before the worst corners have joined, the best control is one that breaks the limits there
+            search.report_to(self.progress, control, names)
+            judged = search.judge(first)
+            if judged is not None:
+                search.accepted(first, judged)
         wanted = self.starts if starts is None else starts
         ends, unsettled = self._searched(search, control, names, x, first, wanted)
         end = min(ends, key=lambda other: search.merit(other.judged))
