@@ -233,6 +233,15 @@ def joined(motor: Loop, names: tuple[str, ...]) -> tuple[Tuner, list[Examined]]:
     return tuner, plants
 
 
+def population(motor: Loop) -> tuple[Search, np.ndarray]:
+    """A search with a plant that has joined, and 40 points around the gains of today, logarithms."""
+    names = ("law.Kv", "law.Kp", "law.Tn")
+    tuner, _ = joined(motor, names)
+    x = tune.logarithms(motor.control, names)
+    search = Search(tuner.criteria(motor.control, names), x - 1.0, x + 1.0)
+    return search, x + np.random.default_rng(3).uniform(-0.5, 0.2, (40, 3))
+
+
 def test_a_plant_that_has_joined_gets_all_of_its_lines(motor: Loop) -> None:
     """It exceeds its limit between the lines of the search: it would else neither join nor keep the limit."""
     tuner, plants = joined(motor, ())
@@ -247,11 +256,7 @@ def test_a_plant_that_has_joined_gets_all_of_its_lines(motor: Loop) -> None:
 
 def test_a_look_ends_where_it_cannot_win(motor: Loop, monkeypatch: pytest.MonkeyPatch) -> None:
     """Plants of the box are screened only for what is better than asked at the model, and the best are those of all."""
-    names = ("law.Kv", "law.Kp", "law.Tn")
-    tuner, _ = joined(motor, names)
-    x = tune.logarithms(motor.control, names)
-    search = Search(tuner.criteria(motor.control, names), x - 1.0, x + 1.0)
-    points = x + np.random.default_rng(3).uniform(-0.5, 0.2, (40, 3))
+    search, points = population(motor)
     whole = search.look(points)
     model = search.look(points, np.full(40, -np.inf))
     assert np.all(model <= whole)
@@ -384,11 +389,7 @@ def test_a_look_with_a_bar_is_the_whole_look_where_it_passes_and_above_the_bar_e
     motor: Loop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What the goal or a part of the points shows is no better than the whole, and decides as it does."""
-    names = ("law.Kv", "law.Kp", "law.Tn")
-    tuner, _ = joined(motor, names)
-    x = tune.logarithms(motor.control, names)
-    search = Search(tuner.criteria(motor.control, names), x - 1.0, x + 1.0)
-    points = x + np.random.default_rng(3).uniform(-0.5, 0.2, (40, 3))
+    search, points = population(motor)
     whole = search.look(points)
     judged = list[int]()
     bounds = criteria.bounds_of

@@ -513,29 +513,23 @@ class Kernel(Generic[_P, _R]):
     def _flat(self, values: Sequence[Any]) -> list[Any]:
         """Return the numbers and arrays of the arguments; records are flattened."""
         leaves = list[Any]()
-        for (name, layout), value in zip(self._records, values, strict=True):
-            if layout is None:
-                leaves.append(value)
-            elif layout.flat and type(value) is layout.python:
-                leaves += value
-            else:
-                self._flatten(name, layout, value, leaves)
+        self._flatten("", self._records, values, leaves)
         return leaves
 
-    def _flatten(self, name: str, layout: Layout, value: Any, leaves: list[Any]) -> None:
-        """Append the numbers and arrays of a record to `leaves`."""
-        if type(value) is not layout.python:
-            raise TypeError(f"{self.__name__}(): '{name}' is {type(value).__name__}: give {layout.name}")
-        if layout.flat:
-            leaves += value
-            return
-        for (field, inner), part in zip(layout.records, value, strict=True):
-            if inner is None:
-                leaves.append(part)
-            elif inner.flat and type(part) is inner.python:
-                leaves += part
+    def _flatten(
+        self, within: str, parts: Iterable[tuple[str, Layout | None]], values: Sequence[Any], leaves: list[Any]
+    ) -> None:
+        """Append the numbers and arrays of arguments or of the fields of a record, by name and layout, to `leaves`."""
+        for (name, layout), value in zip(parts, values, strict=True):
+            if layout is None:
+                leaves.append(value)
+            elif type(value) is not layout.python:
+                place = f"{within}{name}"
+                raise TypeError(f"{self.__name__}(): '{place}' is {type(value).__name__}: give {layout.name}")
+            elif layout.flat:
+                leaves += value
             else:
-                self._flatten(f"{name}.{field}", inner, part, leaves)
+                self._flatten(f"{within}{name}.", layout.records, value, leaves)
 
     def _checked(self, place: int, value: object) -> Any:
         """Return an argument converted to the type of its parameter; raise an error if it does not match that type."""
