@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from feeddrive.benchmark.benchmark import FIGURES, Benchmark, Group, effort_of, matched
+from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group, effort_of, matched
 from feeddrive.benchmark.rules import folder, read_rules
-from feeddrive.benchmark.standings import drawn_tables, left_out_table, ranked_table, search_table
+from feeddrive.benchmark.standings import drawn_tables, left_out_table, places_table, ranked_table, search_table
 from feeddrive.blocks.plant.with_mode import WithMode
 from feeddrive.evaluation.competitor import Competitor
 from feeddrive.evaluation.designs import Designs
@@ -151,6 +151,43 @@ def test_no_mean_is_over_other_plants_than_those_beside_it() -> None:
     panel = chart_of(found).panels[0]
     assert len(panel.curves[1].x) == 1  # the mean of P-PI alone
     assert len(panel.curves[0].x) == 6  # four machines of P-PI, two of the other
+
+
+def test_a_column_beside_the_first_has_no_mean_over_other_plants_either() -> None:
+    """A law that does not settle on one plant has no mean of the times on the others, which would flatter it."""
+    settling = FIGURES[HEADS.index("settling")].key
+
+    def settles(plant: str, law: str, snap: float, time: float) -> Competitor:
+        plain = row(plant, law, [snap])
+        return replace(plain, draws=({SNAP.key: snap, settling: time},))
+
+    found = made(
+        settles(A, PLAIN, 2.0, 1.0), settles(B, PLAIN, 2.0, 1.0), settles(A, "a", 1.0, 0.1), settles(B, "a", 1.0, 0.5),
+        settles(A, "b", 1.5, 0.1), settles(B, "b", 1.5, math.inf),
+    )  # fmt: skip
+    (group,) = found.groups()
+    table = ranked_table(found, group)
+    at = [*map(str, table.columns)].index("settling")
+    cells = {line[1]: line[at] for line in table.rows}
+    assert str(cells["a"]) == f"{20.0**0.5:.2f}"
+    assert cells["b"] == "never on 1"
+
+
+@pytest.mark.parametrize(
+    ("views", "said"),
+    [(([1.0], [1.0]), "better"), (([4.0], [4.0]), "worse"), (([1.0], [4.0]), "not decided"), (([2.0], [2.0]), None)],
+)
+def test_the_places_say_what_is_better_than_the_cascade(views: tuple[list[float], ...], said: str | None) -> None:
+    rules, variant = (
+        made(*(row(plant, law, snaps) for plant in (A, B) for law, snaps in ((PLAIN, [2.0]), ("new", own))))
+        for own in views
+    )
+    found = replace(rules, variants={"box of 10 %": variant})
+    (group,) = found.groups()
+    table = places_table(found, group)
+    line = next(line for line in table.rows if line[0] == "new")
+    assert line[2] == said
+    assert next(line for line in table.rows if line[0] == PLAIN)[2] is None
 
 
 def test_a_search_that_is_not_settled_is_marked_and_shown() -> None:

@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 
-from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group
+from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group, Score
 from feeddrive.benchmark.order import Decision, Logs, Order
 from feeddrive.evaluation.competitor import UNFIT, UNSEARCHED, Competitor
 from feeddrive.evaluation.robustness import Design
@@ -95,7 +95,7 @@ def ranked_table(benchmark: Benchmark, group: Group, *, effort: bool = False) ->
         law = standing.law
         score = Text(f"{Quantity(standing.score):.2f} ({Quantity(standing.low):.2f} to {Quantity(standing.high):.2f})")
         others = (benchmark.score(law, figure, group.plants, effort=effort) for figure in FIGURES[1:])
-        cells = [score, *(_whole(other.cell, other.plants + other.never, len(group.plants)) for other in others)]
+        cells = [score, *(_whole(other, len(group.plants)) for other in others)]
         mark = " *" if law in order.unsettled else ""
         rows.append(
             [_places(standing.best, standing.worst), f"{law}{mark}", judged_peak(benchmark, law, group), *cells]
@@ -110,9 +110,13 @@ def ranked_table(benchmark: Benchmark, group: Group, *, effort: bool = False) ->
     return Table(title, ["place", "law", Column("Ms judged", form=".2f"), *HEADS], rows)
 
 
-def _whole(cell: Cell, plants: int, of: int) -> Cell:
-    """Return a score; "-" if it is not over all plants, since it would not be comparable."""
-    return cell if plants == of else None
+def _whole(score: Score, plants: int) -> Cell:
+    """Return a score as a cell; without a mean if it lacks a plant, since it would not be over the plants of the laws
+    beside it.
+    """
+    if score.never:
+        return Text(f"never on {score.never}")
+    return score.cell if score.plants == plants else None
 
 
 def judged_peak(benchmark: Benchmark, law: str, group: Group) -> float | None:
@@ -144,15 +148,29 @@ def left_out_table(benchmark: Benchmark, group: Group) -> Table:
 
 
 def places_table(benchmark: Benchmark, group: Group) -> Table:
-    """Return, for the figures by which laws are ranked, which places survive the variants of the rules."""
+    """Return, for the figures by which laws are ranked, which places survive the variants of the rules, and whether
+    each law is better or worse than P-PI in all of them.
+    """
     decisions = {figure: decision_of(benchmark, group, figure) for figure in RANKED_BY}
     rows: list[list[Cell]] = []
     for law in decisions[RANKED_BY[0]].order.laws:
-        places = (_places(*v.places(law)) if law in v.order.laws else None for v in decisions.values())
-        rows.append([law, *places])
+        cells: list[Cell] = []
+        for decision in decisions.values():
+            ranked = law in decision.order.laws
+            cells += [_places(*decision.places(law)), _against_plain(decision, law)] if ranked else [None, None]
+        rows.append([law, *cells])
     views = ", ".join((THE_RULES, *benchmark.variants))
-    title = Text(f"{group.name}: places that {views} agree on; a range is not decided")
-    return Table(title, ["law", *(figure.short for figure in RANKED_BY)], rows)
+    title = Text(f"{group.name}: places, and what is better or worse than {PLAIN}, on which {views} agree")
+    heads = (head for figure in RANKED_BY for head in (figure.short, Text(f"{figure.short}, {PLAIN}")))
+    return Table(title, ["law", *heads], rows)
+
+
+def _against_plain(decision: Decision, law: str) -> Cell:
+    """Return whether a law is better than P-PI by the rules and all variants; None for P-PI and laws tied with it."""
+    if decision.order.tied(law, PLAIN):
+        return None
+    verdict = decision.decided(law, PLAIN)
+    return "not decided" if verdict is None else "better" if verdict else "worse"
 
 
 def decided_table(benchmark: Benchmark) -> Table:
