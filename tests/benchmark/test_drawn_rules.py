@@ -151,6 +151,8 @@ def test_no_mean_is_over_other_plants_than_those_beside_it() -> None:
     panel = chart_of(found).panels[0]
     assert len(panel.curves[1].x) == 1  # the mean of P-PI alone
     assert len(panel.curves[0].x) == 6  # four machines of P-PI, two of the other
+    assert panel.curves[2].x[:2] == pytest.approx([1.0, 1.0])  # the interval of P-PI
+    assert len(panel.curves[2].x) == 3  # and none of the other
 
 
 def test_a_column_beside_the_first_has_no_mean_over_other_plants_either() -> None:

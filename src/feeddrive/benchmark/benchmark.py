@@ -306,7 +306,8 @@ def _times_better(criterion: Figure, ours: float, theirs: float) -> float:
 @chart_of.register
 def _chart(benchmark: Benchmark) -> Chart:
     """Plot every law relative to P-PI, plant by plant: with drawn plants by groups of plants, a dot a drawn plant."""
-    from feeddrive.plot.laws import Scores, scores_chart
+    from feeddrive.benchmark.standings import order_of
+    from feeddrive.plot.laws import ScoreRow, Scores, scores_chart
 
     def finite(values: Iterable[float]) -> list[float]:
         return [value for value in values if math.isfinite(value)]
@@ -314,7 +315,7 @@ def _chart(benchmark: Benchmark) -> Chart:
     if not benchmark.rules.draws:
         panels = {
             figure.short: [
-                (finite(benchmark.ratios(law, figure).values()), benchmark.score(law, figure).value)
+                ScoreRow(finite(benchmark.ratios(law, figure).values()), benchmark.score(law, figure).value)
                 for law in benchmark.laws
             ]
             for figure in FIGURES[:_DRAWN]
@@ -326,16 +327,17 @@ def _chart(benchmark: Benchmark) -> Chart:
         # a mean over fewer plants than those of the laws beside it is not shown, and nothing is sorted by it
         mean = {law: benchmark.mean_on(law, best, group) for law in benchmark.laws_on(group)}
         laws = sorted(mean, key=lambda law, mean=mean: (mean[law] is None, -(mean[law] or 0.0), law))
-        panels: Scores = {
-            f"{group.name}: {figure.short}": [
-                (
+        panels: Scores = {}
+        for figure in _BY_GROUPS:
+            ranked = {standing.law: standing for standing in order_of(benchmark, group, figure).standings}
+            panels[f"{group.name}: {figure.short}"] = [
+                ScoreRow(
                     finite(v for p, row in benchmark.draws(law, figure).items() if p in group.plants for v in row),
                     benchmark.mean_on(law, figure, group),
+                    (ranked[law].low, ranked[law].high) if law in ranked else None,
                 )
                 for law in laws
             ]
-            for figure in _BY_GROUPS
-        }
         rows.append(([_with_unstable(benchmark, law, group) for law in laws], panels))
     return scores_chart(*rows)
 

@@ -16,8 +16,8 @@ CITE = "feeddrive benchmark of feed-drive control laws"
 DOTS = "Times better than P-PI at equal robustness; a line is a law, a small dot a plant, the large one their mean."
 DRAWN_DOTS = (
     "Times better than P-PI at equal robustness; a line is a law, a small dot a drawn machine, the large one the "
-    "geometric mean over all machines of the group. A law without a place on all plants of the group has no mean and "
-    "stands below; *: its search is not settled on one of them."
+    "geometric mean over all machines of the group, the bar its confidence interval. A law without a place on all "
+    "plants of the group has no mean and stands below; *: its search is not settled on one of them."
 )
 
 
