@@ -77,8 +77,7 @@ def main() -> None:
     bad = count = plants = 0
     print("| box | plant | designs | largest Ms, by the tuner | of the draws | law | largest abs(z) | exceeded by |")
     print("|---|---|---|---|---|---|---|---|")
-    boxes = {str(each.tolerances): each for each in (rules, *map(rules.varied_by, rules.variant))}
-    for each in boxes.values():
+    for each in rules.boxes():
         box = each.tolerances
         if box is None:
             raise SystemExit(f"rules {asked.rules} have no box: name a version whose bounds hold over one")

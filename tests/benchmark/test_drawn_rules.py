@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from feeddrive import cli
 from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group, effort_of, matched
-from feeddrive.benchmark.rules import folder, read_rules
+from feeddrive.benchmark.rules import Rules, folder, read_rules
 from feeddrive.benchmark.standings import drawn_tables, left_out_table, places_table, ranked_table, search_table
 from feeddrive.blocks.plant.with_mode import WithMode
-from feeddrive.evaluation.competitor import Competitor
+from feeddrive.evaluation.competitor import Competitor, Plant
 from feeddrive.evaluation.designs import Designs
 from feeddrive.evaluation.lineup import Lineup, Trial
 from feeddrive.evaluation.robustness import Design, Tuning
 from feeddrive.figures import of_loops
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.box import Box
 from feeddrive.plot.registry import chart_of
@@ -88,6 +92,38 @@ def test_a_smaller_box_has_the_same_machines_nearer_to_the_model() -> None:
     for one, other in zip(whole.drawn, smaller.drawn, strict=True):
         off = [float(places[0].axis.plant.rigid_mass()) / float(nominal) - 1.0 for places in (one, other)]
         assert off[1] == pytest.approx(0.5 * off[0], rel=1e-9)
+
+
+def test_each_box_is_searched_once() -> None:
+    """Another draw of machines judges the designs of the rules; a smaller box has designs of its own."""
+    boxes = [str(each.tolerances) for each in RULES.boxes()]
+    assert boxes == [str(Box(stiffness=share, mass=share, dead_time=1)) for share in (0.2, 0.1)]
+    assert RULES.boxes()[0] is RULES
+    assert len(read_rules(1).boxes()) == 1
+
+
+@pytest.mark.parametrize(("asked", "count"), [(["--retune", "--keep", "kept"], 2), ([], 0)])
+def test_retune_searches_the_designs_of_all_boxes(
+    asked: list[str], count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searched: list[tuple[str, list[str], Sequence[str]]] = []
+
+    def search(rules: Rules, plants: Sequence[Plant], keep: Path, *, laws: Sequence[str], **_: object) -> None:
+        searched.append((str(rules.tolerances), [plant.name for plant in plants], laws))
+
+    def score(*_: object, **__: object) -> None:
+        raise ParameterError("searched")
+
+    # by name, as the package has the command under the name of its module
+    module = import_module("feeddrive.workflow.benchmark")
+    monkeypatch.setattr(module, "search", search)
+    monkeypatch.setattr(module, "score", score)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["feeddrive", "benchmark", "--plant", QUICK, "--law", "DADSC", *asked])
+    with pytest.raises(SystemExit):
+        cli.main()
+    boxes = [str(each.tolerances) for each in RULES.boxes()]
+    assert searched == [(box, [QUICK], ("DADSC",)) for box in boxes[:count]]
 
 
 def test_every_law_tunes_a_low_pass_and_where_there_is_a_resonance_a_notch() -> None:

@@ -138,6 +138,14 @@ class Rules(Section):
         """Return the rules of a variant, which has no variants of its own."""
         return replace(self, box=variant.box or self.box, draw=variant.draw or self.draw, variant=())
 
+    def boxes(self) -> tuple[Self, ...]:
+        """Return these rules and those of each variant with another box: each of them has designs of its own."""
+        first = {str(self.tolerances): self}
+        for variant in self.variant:
+            varied = self.varied_by(variant)
+            first.setdefault(str(varied.tolerances), varied)
+        return tuple(first.values())
+
     def described(self, plant: str) -> str:
         """Return the title of the job of a plant, the source of the numbers, and the remark on them."""
         job = self.jobs[plant]

@@ -219,7 +219,7 @@ def missing_table(benchmark: Benchmark) -> Table:
     for law, plants in unsearched.items():
         everywhere = "all" if len(named) == len(benchmark.plants) else "all others"
         where = everywhere if len(plants) == len(named) else ", ".join(plants)
-        rows.append([Text(f"{law}: not searched"), where, "--retune searches it"])
+        rows.append([Text(f"{law}: not searched"), where, Text(f"--retune --law '{law}' --keep DIR searches it")])
     return Table("What is missing", ["what", "plants", "reason"], rows, sentences=2)
 
 
