@@ -210,7 +210,7 @@ class Rules(Section):
         if not self.draws:
             runs = Text(f"{self.seeds} with different noise at each position; the worst figure counts")
             return [*rows, ("Runs", runs)]
-        late = Text(f", {Quantity(float(self.late), 'samples')} more dead time" if self.late else "")
+        late = f", {self.late} more {'sample' if self.late == 1 else 'samples'} of dead time" if self.late else ""
         mode = "" if self.mode is None else ", a mode that no law is told"
         drawn = Text(f"{self.draws} machines drawn for each plant: masses and stiffnesses from the box{late}{mode}")
         variants = ", ".join(variant.name for variant in self.variant) or "no variant"
