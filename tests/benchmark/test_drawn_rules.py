@@ -14,7 +14,14 @@ import pytest
 from feeddrive import cli
 from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group, effort_of, matched
 from feeddrive.benchmark.rules import Rules, folder, read_rules
-from feeddrive.benchmark.standings import drawn_tables, left_out_table, places_table, ranked_table, search_table
+from feeddrive.benchmark.standings import (
+    drawn_tables,
+    left_out_table,
+    places_table,
+    ranked_table,
+    search_table,
+    views_table,
+)
 from feeddrive.blocks.plant.with_mode import WithMode
 from feeddrive.evaluation.competitor import Competitor, Plant
 from feeddrive.evaluation.designs import Designs
@@ -226,6 +233,9 @@ def test_the_places_say_what_is_better_than_the_cascade(views: tuple[list[float]
     line = next(line for line in table.rows if line[0] == "new")
     assert line[2] == said
     assert next(line for line in table.rows if line[0] == PLAIN)[2] is None
+    scores = next(line for line in views_table(found, group).rows if line[0] == "new")
+    ratios = [f"{2.0 / own[0]:.2f}" for own in views]
+    assert list(map(str, scores[1:])) == [f"{ratio} ({ratio} to {ratio})" for ratio in ratios]
 
 
 def test_a_search_that_is_not_settled_is_marked_and_shown() -> None:

@@ -4,7 +4,7 @@ import math
 from collections import Counter
 
 from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group, Score
-from feeddrive.benchmark.order import Decision, Logs, Order
+from feeddrive.benchmark.order import Decision, Logs, Order, Standing
 from feeddrive.evaluation.competitor import UNFIT, UNSEARCHED, Competitor
 from feeddrive.evaluation.robustness import Design
 from feeddrive.figures import of_loops, of_runs
@@ -71,6 +71,7 @@ def drawn_tables(benchmark: Benchmark) -> list[Table]:
             ranked_table(benchmark, group, effort=True),
             *_some(left_out_table(benchmark, group)),
             places_table(benchmark, group),
+            views_table(benchmark, group),
         ]
     return [*tables, decided_table(benchmark), search_table(benchmark), *_some(missing_table(benchmark))]
 
@@ -93,7 +94,7 @@ def ranked_table(benchmark: Benchmark, group: Group, *, effort: bool = False) ->
     rows: list[list[Cell]] = []
     for standing in order.standings:
         law = standing.law
-        score = Text(f"{Quantity(standing.score):.2f} ({Quantity(standing.low):.2f} to {Quantity(standing.high):.2f})")
+        score = _with_interval(standing)
         others = (benchmark.score(law, figure, group.plants, effort=effort) for figure in FIGURES[1:])
         cells = [score, *(_whole(other, len(group.plants)) for other in others)]
         mark = " *" if law in order.unsettled else ""
@@ -145,6 +146,26 @@ def left_out_table(benchmark: Benchmark, group: Group) -> Table:
         rows.append([law, ", ".join(unstable) or "nowhere", count, Text(why or "unstable there")])
     title = f"{group.name}: laws without a place on all of these plants; no mean, since it would be over other plants"
     return Table(title, ["law", "unstable on", "placed on", Column("other reasons")], rows, sentences=3)
+
+
+def views_table(benchmark: Benchmark, group: Group) -> Table:
+    """Return the scores of all laws of a group by the rules and by each of their variants, with intervals: a law whose
+    place hangs on the size of the box shows it here.
+    """
+    orders = decision_of(benchmark, group, FIGURES[0]).orders
+    scores = [
+        {} if order is None else {row.law: _with_interval(row) for row in order.standings} for order in orders.values()
+    ]
+    laws = dict.fromkeys(law for row in scores for law in row)
+    counts = [0 if order is None else len(order.plants) for order in orders.values()]
+    heads = (Text(f"{view} ({_counted(count, 'plant')})") for view, count in zip(orders, counts, strict=True))
+    title = Text(f"{group.name}: times better than {PLAIN} in {FIGURES[0].short} by each view, with intervals")
+    return Table(title, ["law", *heads], [[law, *(row.get(law) for row in scores)] for law in laws])
+
+
+def _with_interval(standing: Standing) -> Text:
+    low, high = Quantity(standing.low), Quantity(standing.high)
+    return Text(f"{Quantity(standing.score):.2f} ({low:.2f} to {high:.2f})")
 
 
 def places_table(benchmark: Benchmark, group: Group) -> Table:

@@ -26,7 +26,9 @@ class BenchmarkRequest(EvaluationRequest):
         "A law that is wanted, by name or kind, beside P-PI; may be repeated; default: all", default=()
     )
     seed: int = option("Seed of the runs; 0: the seeds of the rules", default=0, least=0)
-    retune: bool = option("Search every law that has no design in --keep yet, over each box; this takes hours", default=False)
+    retune: bool = option(
+        "Search every law that has no design in --keep yet, over each box; this takes hours", default=False
+    )
     keep: Path | None = option(
         "Directory of designs that are kept as they are found, to go on after a stop; they come before the stored ones",
         default=None,
