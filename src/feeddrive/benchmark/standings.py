@@ -3,8 +3,8 @@
 import math
 from collections import Counter
 
-from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group, Score
-from feeddrive.benchmark.order import Decision, Logs, Order, Standing
+from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group, Score, order_of
+from feeddrive.benchmark.order import Decision, Order, Standing
 from feeddrive.evaluation.competitor import UNFIT, UNSEARCHED, Competitor
 from feeddrive.evaluation.robustness import Design
 from feeddrive.figures import of_loops, of_runs
@@ -17,31 +17,6 @@ from feeddrive.tuning.candidates import PLAIN
 RANKED_BY = (of_loops.ROPE_SNAP, of_runs.TRACKING_RMS, of_runs.CUTTING_RMS)
 THE_RULES = "the rules"
 _MARKED = "; * its search is not settled on one of them: at least so good"
-
-
-def logs(benchmark: Benchmark, group: Group, figure: Figure, *, effort: bool = False) -> Logs:
-    """Return ln of the improvement factors of all laws on the plants of a group."""
-    factors = {law: benchmark.draws(law, figure, effort=effort) for law in benchmark.laws_on(group)}
-    return {
-        law: {plant: tuple(map(math.log, rows[plant])) for plant in group.plants if plant in rows}
-        for law, rows in factors.items()
-    }
-
-
-def order_of(benchmark: Benchmark, group: Group, figure: Figure, *, effort: bool = False) -> Order:
-    """Return the order of the laws by a figure on the common plants of a group."""
-    rules = benchmark.rules
-    values = logs(benchmark, group, figure, effort=effort)
-    seed = rules.number(f"bootstrap, {group.name}, {figure.key}", benchmark.own)
-    return Order.of(
-        figure, values, group.plants, rules.resamples, float(rules.confidence), seed, unsettled(benchmark, group)
-    )
-
-
-def unsettled(benchmark: Benchmark, group: Group) -> set[str]:
-    """Return the laws whose search is not confirmed on a plant of a group."""
-    rows = (row for row in benchmark.rows if row.plant in group.plants)
-    return {row.name for row in rows if row.tuned is not None and row.tuned.unsettled}
 
 
 def decision_of(benchmark: Benchmark, group: Group, figure: Figure) -> Decision:
