@@ -1,6 +1,6 @@
 """Remakes the tables of rules 2 in docs/benchmark.md, and docs/images/benchmark.png, from the stored designs.
 
-python docs/draw_benchmark.py [--kept FOLDER]     about eight minutes of processor time
+python docs/draw_benchmark.py [--kept FOLDER]     five to six minutes of processor time
 
 FOLDER holds finished cases, to go on after a stop.
 """
