@@ -248,8 +248,10 @@ def shortest_way(positions: Floats3, cost: Floats2, first: Floats, rules: Rules,
                 total = cost[k - 1, r] + max(abs(x) / rules.speeds[0], abs(y) / rules.speeds[1])
                 # a small move of the joints is a small one of the tool axis
                 if abs(x) + abs(y) > 2.0 * _SWEEP and (best < 0 or total < least):
-                    a = positions[k - 1, r, 0] + 0.5 * x
-                    b = positions[k - 1, r, 1] + 0.5 * y
+                    # at half a turn, which is farthest away, in place of the middle of several turns
+                    share = min(0.5, 0.5 * TURN / max(abs(x), abs(y)))
+                    a = positions[k - 1, r, 0] + share * x
+                    b = positions[k - 1, r, 1] + share * y
                     if cosine_from(a, b, rules.terms, rules.middle[k]) < rules.near[k]:
                         total += rules.lift
                 if best < 0 or total < least:
@@ -423,12 +425,16 @@ def leaves_arc(kinematics: Kinematics, rotary: np.ndarray, tolerance: float) -> 
     tolerance  distance from the arc, rad
 
     Such a move sweeps the tool through the workpiece: a turn of C by 180 degrees, a change of branch, a joint that is
-    unwound.  Lift the tool before it.  The tool axis is compared at a quarter, half and three quarters of each move.
+    unwound.  Lift the tool before it.  The tool axis is compared at a quarter, half and three quarters of each move, and
+    after half a turn.
     """
     axis = np.array(kinematics.tool_axis(rotary))
     a, b = axis[:, :-1], axis[:, 1:]
+    moved = np.max(np.abs(np.diff(rotary, axis=1)), axis=0)
+    # and at half a turn, since whole turns return to the same tool axis
+    half_turn = np.where(moved > math.pi, math.pi / np.maximum(moved, math.pi), 0.5)
     off = np.zeros(a.shape[1])
-    for share in _SHARES:
+    for share in (*_SHARES, half_turn):
         off = np.maximum(off, _from_arc(a, b, interpolate_axes(kinematics, rotary[:, :-1], rotary[:, 1:], share)))
     return np.flatnonzero(off > tolerance) + 1
 
