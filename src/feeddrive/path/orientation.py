@@ -425,8 +425,8 @@ def leaves_arc(kinematics: Kinematics, rotary: np.ndarray, tolerance: float) -> 
     tolerance  distance from the arc, rad
 
     Such a move sweeps the tool through the workpiece: a turn of C by 180 degrees, a change of branch, a joint that is
-    unwound.  Lift the tool before it.  The tool axis is compared at a quarter, half and three quarters of each move, and
-    after half a turn.
+    unwound.  Lift the tool before it.  The tool axis is compared at a quarter, half and three quarters of each move
+    and after half a turn.
     """
     axis = np.array(kinematics.tool_axis(rotary))
     a, b = axis[:, :-1], axis[:, 1:]
