@@ -196,6 +196,22 @@ def test_the_free_joint_moves_along_the_way_and_is_held_where_nothing_follows() 
     assert c.tolist() == [c[2]] * 3
 
 
+def test_rows_of_no_block_and_of_one() -> None:
+    assert choose_rotary(AC, np.zeros((3, 0))).rotary.shape == (2, 0)
+    assert unwound(np.zeros(0)).shape == (0,)
+    offset = AC.with_travel({"C": (1.0, 9.0)})
+    assert choose_rotary(offset, np.array([0.0, 0.0, 1.0])).rotary.tolist() == [[0.0], [1.0]]
+
+
+def test_a_way_that_goes_back_and_a_speed_of_zero_are_refused() -> None:
+    axis = tool_axis(np.array([0.2, 0.0, 0.2]), np.array(0.0))
+    for way in ([0.0, 0.2, 0.1], [0.0, 1.0], [0.0, math.nan, 1.0]):
+        with pytest.raises(ParameterError, match="the way must have a position for each of the 3 blocks"):
+            choose_rotary(AC, axis, way=np.array(way))
+    with pytest.raises(ParameterError, match="speeds of the rotary joints must be above 0, not 1, 0"):
+        choose_rotary(AC, axis, speeds=(1, 0))
+
+
 def test_the_other_joint_keeps_its_turns_within_the_cone() -> None:
     """A travel of 300 to 420 degrees holds the pole at 360."""
     machine = AC.with_travel({"A": (300.0 * DEGREE, 420.0 * DEGREE)})
