@@ -10,6 +10,7 @@ import numpy as np
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
+from feeddrive.path.feed_loss import FeedLoss
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.proof import DERIVATIVES, Proof
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
@@ -129,6 +130,7 @@ class Planned(Result):
     stop_reasons      number of stops of each kind
     seconds           cycle time by limiting cause: the limit used most in a sample, the feed, or a standstill
     course            reduced motion for plots
+    loss              time lost against the feed, by cause
     """
 
     program: str
@@ -145,6 +147,7 @@ class Planned(Result):
     stop_reasons: Mapping[str, int]
     seconds: Mapping[str, float]
     course: Course
+    loss: FeedLoss
 
     def table(self) -> Table:
         """Return a table of the limits of each axis and the peak utilization of each limit."""
@@ -201,4 +204,5 @@ def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | No
         dict(reasons),
         setpoints.seconds,
         recorder.course(setpoints.sample_time),
+        setpoints.losses.result(),
     )

@@ -16,10 +16,11 @@ import numpy as np
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Records, Records2
 from feeddrive.language.quantity import number
+from feeddrive.path.feed_loss import CORNER, FeedLossRecorder
 from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
 from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.limits import MachineLimits
-from feeddrive.path.motion import Derivatives, Motion, Part, Pause, Pieces, Section, chain, cubic, derivatives, way
+from feeddrive.path.motion import LINE, Derivatives, Motion, Part, Pause, Pieces, Section, chain, cubic, derivatives, way
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
 from feeddrive.path.proof import Prover
 from feeddrive.path.schedule.corner import Crossings
@@ -283,6 +284,7 @@ class Setpoints:
     blocks       number of straight moves, arcs and splines read
     line         program line being read
     seconds      cycle time by cause: the limit used most, the feed, or a standstill
+    losses       recorder of the time that is lost against the feed
 
     Raises ProgramError, located at the program line, as `read_program` and `planned` do.
     """
@@ -304,6 +306,7 @@ class Setpoints:
         self._waits: Pause | None = None  # the pause since then
         self._last_line = 0
         self.proven = True
+        self.losses = FeedLossRecorder(self._array, limits.causes[: 4 * len(limits.axes)], sample_time)
 
     def __iter__(self) -> Iterator[Samples]:
         for part in planned(self._counted(), self.limits.letters, self._array, self._override):
@@ -342,8 +345,9 @@ class Setpoints:
         self.proven = self.prover.prove(part) and self.proven
         for values in self._sampler.slices(part):
             times = (self.samples + np.arange(len(values))) * self.sample_time - self.time
-            samples = Samples(self.samples, values, *_where(part, times), self.proven)
-            self._attribute(samples)
+            line, feed, shape = _where(part, times)
+            samples = Samples(self.samples, values, line, feed, self.proven)
+            self._attribute(samples, shape, part.factor)
             self.samples += len(values)
             yield samples
         self.time += float(np.sum(motion.duration))
@@ -363,6 +367,7 @@ class Setpoints:
 
     def _stand(self, reason: str, duration: float, line: int, angle: float = 0.0) -> None:
         self.stops.append(Standstill(self.time, duration, line, self._position, reason, angle))
+        self.losses.stop(self.time, duration, reason)
 
     def _rest(self, duration: float, line: int) -> Iterator[Samples]:
         """Yield the samples of a standstill in chunks."""
@@ -374,6 +379,7 @@ class Setpoints:
             self.samples += len(values)
             # a standstill has no limiting axis, so it is counted here and not by `_attribute`
             self._counts[-1] += len(values)
+            self.losses.add(values, samples.feed, samples.line, np.full(len(values), LINE))
             yield samples
             duration -= now
         self.time = ends
@@ -387,11 +393,12 @@ class Setpoints:
         # by the chord: the arc cosine of a scalar product has no digits at small angles
         return 2.0 * float(np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(begin - self._along)))))
 
-    def _attribute(self, samples: Samples) -> None:
-        """Attribute each sample to the cause that limits it most."""
+    def _attribute(self, samples: Samples, shape: np.ndarray, factor: float) -> None:
+        """Attribute each sample to the cause that limits it most, and record what is lost against the feed."""
         speed = np.linalg.norm(samples.values[:, :, 1], axis=1)
         reasons = causes(np.abs(samples.values[:, :, 1:]) / self._array, speed, samples.feed)
         self._counts += np.bincount(reasons, minlength=len(self._counts))
+        self.losses.add(samples.values, samples.feed, samples.line, shape, factor)
 
 
 def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray:
@@ -411,8 +418,8 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
     return reasons
 
 
-def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the program line and feed at given times, s, from the start of a part."""
+def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the program line, the feed and the shape of the path at given times, s, from the start of a part."""
     pieces, motion = part.pieces, part.motion
     begins = np.cumsum(motion.duration) - motion.duration
     m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
@@ -422,7 +429,8 @@ def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     gone: Any = way.python  # plain arithmetic, which also accepts arrays
     u += gone(v, a, j, s, times - begins[m])
     p = np.clip(np.searchsorted(far, u), 0, len(far) - 1)
-    return pieces.line[p], pieces.feed[p]
+    shape = pieces.kind[p] if part.entering is None else np.full(len(p), CORNER)
+    return pieces.line[p], pieces.feed[p], shape
 
 
 def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
