@@ -23,6 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text, joined
 from feeddrive.path.motion import ARC, LINE, POLYNOMIAL
 
 SLOW = 0.95  # of the feed: above it the loss has no cause of its own
@@ -44,8 +46,10 @@ LISTED = 1000
 """The largest number of falls listed in a plan: those with the largest loss."""
 _AT_LIMIT = 0.98  # utilization from which a velocity limit holds the speed
 _NEAR = 1.1  # times the lowest level: the samples among which the place of the cause is sought
+_MOSTLY = 0.5  # of these samples: a velocity limit holds the speed if more of them are at it
 _USED = 0.5  # of a limit: below it no limit is named
 _PENDING = 65536  # largest number of samples of a fall, so that memory is bounded
+_TOLD = 5  # causes in a sentence
 _TRACK = 16384  # largest number of rows of the causes over time
 
 
@@ -106,11 +110,23 @@ class FeedLoss:
     cause: np.ndarray
     names: tuple[str, ...]
 
+    def sentences(self, cycle_time: float) -> list[Text]:
+        """Return the time that is lost and its five largest causes, as sentences; none for a motion of no time."""
+        if not cycle_time:
+            return []
+        feed = Quantity(cycle_time - self.lost, "s")
+        falls = [
+            Text(f"{row.name} {Quantity(row.lost, 's'):3 SI} in {row.falls:,}") for row in self.causes if row.falls
+        ]
+        told = joined("; ", falls[:_TOLD])
+        return [Text(f"At its feed the path would take {feed:6 SI}. Lost by falls of the feed: {told or 'nothing'}.")]
+
 
 class _Pending(NamedTuple):
     """Samples of a fall that may go on: number, v, F, line, shape, limit used most with its use, and override.
 
-    level   speed over the lesser of the feed and the largest speed within the velocity limits
+    rapid   the largest speed within the velocity limits in this direction, m/s, and the axis that limits it
+    level   speed over the lesser of the feed and this speed
     steady  True where the acceleration along the path is small
     turn    twice the number of samples that are steady where a ramp up turns into a ramp down
     """
@@ -123,6 +139,8 @@ class _Pending(NamedTuple):
     limit: np.ndarray
     use: np.ndarray
     factor: np.ndarray
+    rapid: np.ndarray
+    axis: np.ndarray
     level: np.ndarray
     steady: np.ndarray
     turn: np.ndarray
@@ -186,6 +204,8 @@ class FeedLossRecorder:
             limit,
             use[np.arange(len(use)), limit],
             np.full(len(speed), factor),
+            rapid,
+            np.argmax(direction / self._limits[:, 0], axis=1),
             np.where(programmed > 0.0, speed / np.maximum(np.minimum(programmed, rapid), 1e-300), 0.0),
             along < STEADY * acceleration,
             4.0 * STEADY * acceleration / jerk / self._sample_time,
@@ -282,10 +302,10 @@ class FeedLossRecorder:
         near = np.flatnonzero(rows.level <= _NEAR * float(np.min(rows.level)) + 1e-12)
         # a plateau at the speed of a bend reaches beyond it: the place is where a limit is used most
         place = int(near[np.argmax(rows.use[near] + (rows.shape[near] != LINE))])
-        used = int(near[np.argmax(rows.use[near])])
         limit = self._names[int(rows.limit[place])] if rows.use[place] >= _USED else NO_LIMIT
-        if rows.limit[used] % 4 == 0 and rows.use[used] >= _AT_LIMIT:
-            return VELOCITY, self._names[int(rows.limit[used])]
+        at_limit = rows.speed[near] >= _AT_LIMIT * rows.rapid[near]
+        if np.mean(at_limit) > _MOSTLY:
+            return VELOCITY, self._names[4 * int(rows.axis[near[np.argmax(at_limit)]])]
         overridden = rows.factor[near] * rows.feed[near]
         if np.any((rows.factor[near] < SLOW) & (rows.speed[near] >= _AT_LIMIT * overridden)):
             return OVERRIDE, ""

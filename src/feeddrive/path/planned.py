@@ -13,6 +13,7 @@ from feeddrive.language.text import Text
 from feeddrive.path.feed_loss import FeedLoss
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.proof import DERIVATIVES, Proof
+from feeddrive.path.purpose import Settings
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 
 _STRETCHES = 8192
@@ -131,6 +132,7 @@ class Planned(Result):
     seconds           cycle time by limiting cause: the limit used most in a sample, the feed, or a standstill
     course            reduced motion for plots
     loss              time lost against the feed, by cause
+    settings          tolerance and dynamics that the plan was made with
     """
 
     program: str
@@ -148,6 +150,7 @@ class Planned(Result):
     seconds: Mapping[str, float]
     course: Course
     loss: FeedLoss
+    settings: Settings = Settings()
 
     def table(self) -> Table:
         """Return a table of the limits of each axis and the peak utilization of each limit."""

@@ -20,7 +20,20 @@ from feeddrive.path.feed_loss import CORNER, FeedLossRecorder
 from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
 from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.limits import MachineLimits
-from feeddrive.path.motion import LINE, Derivatives, Motion, Part, Pause, Pieces, Section, chain, cubic, derivatives, way
+from feeddrive.path.motion import (
+    LINE,
+    Derivatives,
+    Motion,
+    Part,
+    Pause,
+    Pieces,
+    Section,
+    chain,
+    cubic,
+    derivatives,
+    direction,
+    way,
+)
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
 from feeddrive.path.proof import Prover
 from feeddrive.path.schedule.corner import Crossings
@@ -345,9 +358,10 @@ class Setpoints:
         self.proven = self.prover.prove(part) and self.proven
         for values in self._sampler.slices(part):
             times = (self.samples + np.arange(len(values))) * self.sample_time - self.time
-            line, feed, shape = _where(part, times)
+            line, feed, shape, programmed = _where(part, times, self._array[:, 0])
             samples = Samples(self.samples, values, line, feed, self.proven)
-            self._attribute(samples, shape, part.factor)
+            self._attribute(samples)
+            self.losses.add(values, programmed, line, shape, part.factor)
             self.samples += len(values)
             yield samples
         self.time += float(np.sum(motion.duration))
@@ -393,12 +407,11 @@ class Setpoints:
         # by the chord: the arc cosine of a scalar product has no digits at small angles
         return 2.0 * float(np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(begin - self._along)))))
 
-    def _attribute(self, samples: Samples, shape: np.ndarray, factor: float) -> None:
-        """Attribute each sample to the cause that limits it most, and record what is lost against the feed."""
+    def _attribute(self, samples: Samples) -> None:
+        """Attribute each sample to the cause that limits it most."""
         speed = np.linalg.norm(samples.values[:, :, 1], axis=1)
         reasons = causes(np.abs(samples.values[:, :, 1:]) / self._array, speed, samples.feed)
         self._counts += np.bincount(reasons, minlength=len(self._counts))
-        self.losses.add(samples.values, samples.feed, samples.line, shape, factor)
 
 
 def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray:
@@ -418,19 +431,43 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
     return reasons
 
 
-def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the program line, the feed and the shape of the path at given times, s, from the start of a part."""
+def _where(
+    part: Part, times: np.ndarray, velocity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return line, feed, shape and programmed feed at given times, s, from the start of a part.
+
+    Where two runs overlap, the programmed feed F is that of both ways: (u0' + u1')/F = u0'/F0 + u1'/F1.
+
+    velocity  velocity limits of the axes, m/s, which are the feed of a traverse there
+    """
     pieces, motion = part.pieces, part.motion
     begins = np.cumsum(motion.duration) - motion.duration
     m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
     far = np.cumsum(pieces.length)
     u = (far - pieces.length)[motion.piece[m]] + motion.x[m]
     v, a, j, s = (row[m] for row in motion[3:])
+    since = times - begins[m]
     gone: Any = way.python  # plain arithmetic, which also accepts arrays
-    u += gone(v, a, j, s, times - begins[m])
+    u += gone(v, a, j, s, since)
     p = np.clip(np.searchsorted(far, u), 0, len(far) - 1)
-    shape = pieces.kind[p] if part.entering is None else np.full(len(p), CORNER)
-    return pieces.line[p], pieces.feed[p], shape
+    line, feed = pieces.line[p], pieces.feed[p]
+    if part.entering is None:
+        return line, feed, pieces.kind[p], feed
+    speed_of: Any = cubic.python
+    first = np.abs(speed_of(v, a, j, s, since))
+    second = np.abs(speed_of(*(row[m] for row in part.entering.motion[3:]), since))
+    slowness = first / _feed(pieces, velocity) + second / _feed(part.entering.pieces, velocity)
+    programmed = np.where(slowness > 0.0, (first + second) / np.where(slowness > 0.0, slowness, 1.0), feed)
+    return line, feed, np.full(len(p), CORNER), programmed
+
+
+def _feed(pieces: Pieces, velocity: np.ndarray) -> float:
+    """Return the feed of a single piece, on a traverse the largest speed along it within the velocity limits, m/s."""
+    feed = float(pieces.feed[0])
+    if math.isfinite(feed):
+        return feed
+    along = np.abs(direction(pieces, 0))
+    return float(np.linalg.norm(along) / max(float(np.max(along / velocity)), 1e-300))
 
 
 def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
