@@ -26,7 +26,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.planned import Planned, Take, planned_of
-from feeddrive.path.program.dialects import DialectName
+from feeddrive.path.program.dialects import DIALECTS, DialectName
 from feeddrive.path.program.moves import Ignored, Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
 from feeddrive.path.purpose import PURPOSES, read_dynamics, settings, with_tolerance
@@ -63,7 +63,7 @@ class PlanRequest(Request):
     dialect: str = option(
         "language of the program; marlin is that of 3D printers, whose E is the axis U",
         default="linuxcnc",
-        options=("linuxcnc", "grbl", "marlin"),
+        options=tuple(DIALECTS),
     )
     tolerance: float | None = option(
         "tolerance of corners where the program states none (G64 without P); it stops there if left out",

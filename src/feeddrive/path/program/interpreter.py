@@ -111,6 +111,11 @@ class Flow:
         parameters.live["_value_returned"] = lambda: self._returned
         self._value = self._returned = 0.0
 
+    @property
+    def reader(self) -> LineReader:
+        """The reader of the file whose lines are being executed."""
+        return self._frames[-1].reader
+
     def close(self) -> None:
         """Close all files."""
         for reader in self._readers.values():

@@ -25,6 +25,7 @@ from feeddrive.path.program.dialects import DialectName
 from feeddrive.path.program.frame import Frame, Travel
 from feeddrive.path.program.interpreter import MOST_AGAIN, Interpreter
 from feeddrive.path.program.moves import Command, Move, read_command
+from feeddrive.path.program.siemens import SiemensInterpreter
 from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINEAR, SYSTEM, SYSTEMS, Tool, read_tools
 
 PROGRAM, PACKAGE = "rs274", "linuxcnc-uspace"
@@ -320,7 +321,7 @@ def read_program(
                   it is installed and the program needs it (G41)
     most_again    largest number of lines that loops and calls may repeat
     parameters    values of named parameters that the program does not set, such as {"_hal[plasmac.cut-feed-rate]": 40}
-    dialect       linuxcnc: RS-274/NGC; grbl; marlin: a 3D printer, whose E is the axis U
+    dialect       linuxcnc: RS-274/NGC; grbl; marlin: a 3D printer, whose E is the axis U; siemens: SINUMERIK
 
     An invalid program ends the iteration with a `ProgramError` stating file, line, column, word and reason.
     """
@@ -374,6 +375,11 @@ def read_commands(
     numbered = None if offsets is None else blocks.read_offsets(offsets)
     if front_end == "rs274":
         return rs274_commands(path, table, numbered, tables_inch, skip_deleted)
+    if dialect == "siemens":
+        interpreter = SiemensInterpreter(
+            path, table, numbered, tables_inch, skip_deleted, most_again, parameters=parameters
+        )
+        return interpreter.commands()
     return Interpreter(
         path, table, numbered, tables_inch, skip_deleted, most_again, dialect, parameters=parameters
     ).commands()
