@@ -612,7 +612,7 @@ class SiemensInterpreter:
         if edge is not None:
             self._tool_length(edge)
         if "STOPRE" in words.keywords:
-            self._emit("DWELL", 0.0)
+            self._emit("EXACT_STOP")
         return stop
 
     def _tool_number(self, name: str) -> int:
@@ -755,8 +755,6 @@ class SiemensInterpreter:
         moving = [letter for letter in (*AXES.upper(), "AP", "RP") if letter in words.values]
         if not moving and not words.polynomials and not any(letter in words.values for letter in ("I", "J", "K", "AR")):
             return
-        if once == 9 and state.path_mode != "CANON_EXACT_STOP":
-            self._emit("SET_MOTION_CONTROL_MODE", "CANON_EXACT_STOP")
         block = Block(self._line)
         if state.feed_mode == 930 and "F" in words.values:
             block.words["f"] = words.values.pop("F").value
@@ -764,8 +762,8 @@ class SiemensInterpreter:
             self._machine_move(words, block)
         else:
             self._contour(words, block)
-        if once == 9 and state.path_mode != "CANON_EXACT_STOP":
-            emit_path_mode(state, self._emit)
+        if once == 9:
+            self._emit("EXACT_STOP")
 
     def _contour(self, words: _Words, block: Block) -> None:
         target = self._target(words)
