@@ -32,10 +32,8 @@ PROGRAM, PACKAGE = "rs274", "linuxcnc-uspace"
 LONGEST_RUN, LARGEST_OUTPUT = 300.0, 2e9
 """The longest run of `rs274`, s, and the largest size of its output, bytes."""
 
-_NEEDED = re.compile(r"g0*(?:(?:[78]|76|8[78])(?![\d.])|7[0-2](?!\d))|m0*(?:19|7[0-3])(?![\d.])")
-_CANDIDATE = re.compile(
-    rb"[gG][ \t0]*(?:7[ \t]*[0126]|8[ \t]*[78]|[78][ \t]*(?![0-9 \t]))|[mM][ \t0]*(?:1[ \t]*9|7[ \t]*[0-3])"
-)
+_NEEDED = re.compile(r"g0*(?:[78](?![\d.])|7[0-2](?!\d)|96(?![\d.]))")
+_CANDIDATE = re.compile(rb"[gG][ \t0]*(?:7[ \t]*[012]|9[ \t]*6|[78][ \t]*(?![0-9 \t]))")
 _NAME = re.compile(r"<[^>]*>")
 _NUMBER = re.compile(r"\s*(/?)\s*(?:[nN][\s\d.]*)?")
 _PRINTED = re.compile(r"\s*\d+ N(\d+|\.+)\s+(.*)")
@@ -46,7 +44,7 @@ _O_WORD = re.compile(r"o\s*(?:<([^>]+)>|(\d+))", re.IGNORECASE)
 
 
 def needs_rs274(program: Path) -> bool:
-    """Return True if a program has codes that only the interpreter of LinuxCNC supports, such as G41."""
+    """Return True if a program has codes that only the interpreter of LinuxCNC supports: those of lathes."""
     reader = LineReader(program)
     try:
         if not _may_need(program):
@@ -92,7 +90,7 @@ def rs274_commands(
     Comments that it would run as Python are refused, and so are subroutines in other folders.
     """
     if shutil.which(PROGRAM) is None:
-        raise MissingProgramError(PROGRAM, PACKAGE, f"{program}: cutter compensation")
+        raise MissingProgramError(PROGRAM, PACKAGE, f"{program}: codes of lathes")
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "program.ngc"
         source = _Source(program, copy)
@@ -318,7 +316,7 @@ def read_program(
     tables_inch   both tables are in inches instead of mm
     skip_deleted  skip lines that begin with /
     front_end     own: the built-in interpreter; rs274: that of LinuxCNC; auto: rs274 if
-                  it is installed and the program needs it (G41)
+                  it is installed and the program needs it (G7)
     most_again    largest number of lines that loops and calls may repeat
     parameters    values of named parameters that the program does not set, such as {"_hal[plasmac.cut-feed-rate]": 40}
     dialect       linuxcnc: RS-274/NGC; grbl; marlin: a 3D printer, whose E is the axis U; siemens: SINUMERIK
