@@ -607,6 +607,10 @@ REFUSED: dict[str, str] = {
     "G76": "lathe: a thread follows the real spindle, take it out of what is planned",
     "G87": f"back boring: {_UNDEFINED}",
     "G88": f"boring with a manual retract, from where the operator leaves it: {_UNDEFINED}",
+    **dict.fromkeys(
+        (f"M{number}" for number in range(100, 200)),
+        "M100 to M199 start programs of the machine, and what they do is not known: take it out",
+    ),
     **dict.fromkeys(("M98", "M99"), "subprograms are o-words here: o100 sub .. o100 endsub, and o100 call"),
 }
 """The codes that neither front end supports, with the reason."""
