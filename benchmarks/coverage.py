@@ -1,10 +1,10 @@
 """How many part programs are refused, and why.
 
-    python benchmarks/coverage.py FOLDER ... [--tools TABLE] [--parameters NAME=VALUE,...] [--front-end auto]
+    python benchmarks/coverage.py FOLDER ... [--tools TABLE] [--parameters NAME=VALUE,..] [--front-end auto]
 
-Every file below the folders is read, by default by the own reader, and its moves become segments of all nine axes; nothing is
-planned.  Files with the same content count once.  Refusals are listed by their reason, with one of the files, and with
-the number of those that LinuxCNC's interpreter `rs274` refuses too.
+Every file below the folders is read, by default by the own reader, and its moves become segments of all nine axes;
+nothing is planned.  Files with the same content count once.  Refusals are listed by their reason, with one of the
+files, and with the number of those that LinuxCNC's interpreter `rs274` refuses too.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ def main() -> None:
             reasons[re.sub(r"^.*line \d+, column \d+: ", "", reason)[:60]].append((path, reason, too))
     files = [file for rows in reasons.values() for file in rows]
     both = sum(too for *_, too in files)
-    print(f"{len(programs)} programs, {len(files)} refused ({len(files) / max(len(programs), 1):.1%}), {both} by rs274 too")
+    share = len(files) / max(len(programs), 1)
+    print(f"{len(programs)} programs, {len(files)} refused ({share:.1%}), {both} by rs274 too")
     for rows in sorted(reasons.values(), key=lambda rows: -len(rows)):
         path, reason, _ = rows[0]
         print(f"{len(rows):4} {sum(too for *_, too in rows):4}  {path.name}: {reason[:170]}")

@@ -46,7 +46,9 @@ def test_each_purpose_is_slower_and_gentler_than_the_one_before(tmp_path: Path) 
 
 def test_options_replace_what_the_purpose_sets(tmp_path: Path) -> None:
     path = part(tmp_path)
-    request = PlanRequest(path, machine="xy_table", purpose="precision", tolerance=1e-4, dynamics="100", out=tmp_path / "o")
+    request = PlanRequest(
+        path, machine="xy_table", purpose="precision", tolerance=1e-4, dynamics="100", out=tmp_path / "o"
+    )
     outcome = plan.run(request)
     rough = fd.workflow.plan(path, machine="xy_table", purpose="roughing")
     assert outcome.result.cycle_time == rough.cycle_time
@@ -97,7 +99,7 @@ def test_wrong_dynamics_are_refused(text: str) -> None:
 def test_wrong_purposes_and_tolerances_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match="is none of roughing, finishing, precision"):
         settings("fast")
-    with pytest.raises(ParameterError, match="roughing, finishing, precision|roughing"):
+    with pytest.raises(ParameterError, match="roughing"):
         fd.workflow.plan(part(tmp_path), machine="xy_table", purpose="fast")
     coarse = tmp_path / "coarse.toml"
     rows = "velocity_mm_per_s = 500\nacceleration_mm_per_s2 = 5000\njerk_mm_per_s3 = 1e5\nsnap_mm_per_s4 = 5e7\n"

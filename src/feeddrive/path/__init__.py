@@ -7,12 +7,14 @@ make_lazy(
     {
         "program.blocks": "read_offsets Line",
         "program.moves": (
-            "Command canonical_text Arc Dwell End ExactStop Feed Ignored Message Move Offsets PathMode Point Probe Spindle "
-            "Spline Stop Straight Switch Synchronized ToolChange Wait"
+            "Command canonical_text Arc Dwell End ExactStop Feed Ignored Message Move Offsets PathMode Point Probe "
+            "Spindle Spline Stop Straight Switch Synchronized ToolChange Wait"
         ),
         "program.reading": "read_commands read_program",
         "program.state": "Tool read_tools",
         "limits": "AxisLimits MachineLimits",
+        "feed_loss": "CauseOfLoss Fall FeedLoss",
+        "purpose": "Dynamics PURPOSES Purpose Settings settings with_tolerance",
         "planned": "Planned planned_of",
         "setpoints": "Setpoints",
         "polygon": "waypoints",

@@ -5,11 +5,14 @@
 is the cycle time less the time of the driven path at the feed alone, within one sample time for each run from rest to
 rest.  On a traverse F is the largest path speed that the velocity limits of the axes allow in its direction.
 
-A fall is a stretch with v < 0.95 F around one minimum of the level, which is v over the lesser of F and what the velocity
-limits allow.  A rise by more than a tenth of the highest level since the last maximum separates two falls, and so does a
-plateau on the way to the minimum that something else holds.  The cause is what holds the speed at the minimum: a stop, the feed override, the velocity limit of an axis, or the shape of
-the path (an arc, a bend that is rounded within the tolerance, a corner that two runs pass at the same time).  Its limit
-is the one with the largest utilization there; for a stop, the limit that is used most for the longest time.
+A fall is a stretch with v < 0.95 F around one minimum of the level, which is v over the lesser of F and what the
+velocity limits allow.  A rise by more than a tenth of the highest level since the last maximum separates two falls, and
+so does a plateau on the way to the minimum that something else holds.
+
+The cause of a fall is what holds the speed at the minimum: a stop, the feed override, the velocity limit of an axis, or
+the shape of the path (an arc, a bend that is rounded within the tolerance, a corner that two runs pass at the same
+time).  Its limit is the one with the largest utilization there; for a stop, the limit that is used most for the longest
+time.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """What a motion is planned for: roughing, finishing or precision, as with CYCLE832 of SINUMERIK.
 
 A purpose sets the tolerance of corners where the program states none, and the shares of acceleration, jerk and snap
-that are used.  Motions are lifted for each of them: at the same cycle time, lower limits with lifting excite the machine
-less than higher ones without.
+that are used.  Motions are lifted for each of them: at the same cycle time, lower limits with lifting excite the
+machine less than higher ones without.
 
 What the program states itself stands (G64 P, CYCLE832): it was computed for this part, and may differ from one section
 of it to the next.
@@ -77,9 +77,13 @@ class Settings(NamedTuple):
         by = f"; by {' and '.join(self.options)}, not by the purpose" if self.options else ""
         lifted = "lifted" if self.lifted else "not lifted (override)"
         return Text(
-            f"For {self.purpose}: tolerance {Quantity(self.tolerance, 'm'):3 mm} where the program states none{kept}; of "
-            f"the limits {shares}; {lifted}{by}."
+            f"For {self.purpose}: tolerance {Quantity(self.tolerance, 'm'):3 mm} where the program states none{kept}; "
+            f"of the limits {shares}; {lifted}{by}."
         )
+
+
+DEFAULT = Settings()
+"""The settings of a plan without a purpose and without options."""
 
 
 def settings(

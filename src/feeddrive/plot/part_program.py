@@ -331,7 +331,7 @@ def _path(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
 
 
 def _lost(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
-    """Return one curve for each cause of falls of the feed, the largest loss first, and one for the path at its feed."""
+    """Return a curve for each cause of falls of the feed, the largest loss first, and one for the path at the feed."""
     loss = plan.loss
     cause = loss.cause[np.searchsorted(loss.time, plan.course.time, side="right") - 1]
     sums = dict.fromkeys(loss.names, 0.0)

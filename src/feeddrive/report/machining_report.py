@@ -144,8 +144,8 @@ def _pictures(plan: Planned) -> Sequence[Picture]:
         Picture(
             "losses",
             "Where and why the feed falls",
-            "Color: what makes the path slower than 95 % of its programmed feed, with the time that is lost by it, ramps "
-            "included. Thin: at the feed. Circles: stops, the first 300.",
+            "Color: what makes the path slower than 95 % of its programmed feed, with the time that is lost by it, "
+            "ramps included. Thin: at the feed. Circles: stops, the first 300.",
             f"The path of {plan.program}, colored by the cause of each fall of the feed.",
             lambda: plot.plan_losses_chart(plan),
         ),
@@ -181,7 +181,16 @@ def _falls(plan: Planned) -> list[Part]:
     causes = [[row.cause, row.limit, row.falls, row.lost, row.length] for row in loss.causes]
     heads = ["cause", "limit", "falls", Column("lost", "s", "SI"), Column("length", "m", "mm")]
     rows = [
-        [f"{fall.first} to {fall.last}", fall.time, fall.lost, fall.length, fall.slowest, fall.feed, fall.cause, fall.limit]
+        [
+            f"{fall.first} to {fall.last}",
+            fall.time,
+            fall.lost,
+            fall.length,
+            fall.slowest,
+            fall.feed,
+            fall.cause,
+            fall.limit,
+        ]
         for fall in sorted(loss.falls, key=lambda fall: -fall.lost)[:_LISTED]
     ]
     columns = [
@@ -194,7 +203,9 @@ def _falls(plan: Planned) -> list[Part]:
         "cause",
         "limit",
     ]
-    caption = f"The {len(rows)} with the largest loss, of {loss.fall_count:,}." if loss.fall_count > len(rows) else "All."
+    caption = (
+        f"The {len(rows)} with the largest loss, of {loss.fall_count:,}." if loss.fall_count > len(rows) else "All."
+    )
     at_feed = Quantity(plan.cycle_time - loss.lost, "s")
     sums = Text(f"Time lost by cause: {Quantity(loss.lost, 's'):6 SI} more than {at_feed:6 SI} at the feed.")
     return [Table(sums, heads, causes), Table(caption, columns, rows)]

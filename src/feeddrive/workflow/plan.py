@@ -277,9 +277,7 @@ def _lines_of(program: Path) -> int:
     return 0
 
 
-def _outcome(
-    planned: Planned, out: Path | None, machine: MachineFile | None, counts: Counts
-) -> Outcome[Planned]:
+def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None, counts: Counts) -> Outcome[Planned]:
     remarks = [
         f"{count} x {reason}" for reason, count in sorted(planned.stop_reasons.items(), key=lambda item: -item[1])
     ]

@@ -127,9 +127,11 @@ class Modes(NamedTuple):
         yield " ".join(words)
         if changed("tool_offset"):
             axes = zip(blocks.AXES, self.tool_offset, strict=True)
-            yield "G43.1 " + " ".join(f"{letter}{_word(value)}" for letter, value in axes) if any(
-                self.tool_offset
-            ) else "G49"
+            yield (
+                "G43.1 " + " ".join(f"{letter}{_word(value)}" for letter, value in axes)
+                if any(self.tool_offset)
+                else "G49"
+            )
         if changed("system"):
             yield f"G{_SYSTEM_CODES[self.system]}"
         if changed("path_mode", "tolerance", "naive_tolerance"):

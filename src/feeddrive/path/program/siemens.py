@@ -8,8 +8,8 @@
 
     machine = origin of G54 .. + R(rotation) (TRANS + R(ROT) program)
 
-What is programmed in inches (G70, G700) is converted when it is read.  A word that this reader knows but does not plan is
-refused with its reason, and so is one that it does not know.
+What is programmed in inches (G70, G700) is converted when it is read.  A word that this reader knows but does not plan
+is refused with its reason, and so is one that it does not know.
 """
 
 from __future__ import annotations
@@ -57,7 +57,9 @@ _COOLANT = {7: ("MIST_ON",), 8: ("FLOOD_ON",), 9: ("MIST_OFF", "FLOOD_OFF")}
 _MOTIONS = {"CIP", "POLY"}
 _FRAMES = {"TRANS", "ATRANS", "ROT", "AROT"}
 # what can stand before =, besides variables and R parameters
-_WORDS = frozenset({*AXES.upper(), *"IJKFSDT", "CR", "TURN", "AR", "AP", "RP", "I1", "J1", "K1", "CTOL", "OTOL", "ATOL"})
+_WORDS = frozenset(
+    {*AXES.upper(), *"IJKFSDT", "CR", "TURN", "AR", "AP", "RP", "I1", "J1", "K1", "CTOL", "OTOL", "ATOL"}
+)
 _WORDS |= {"RPL", "ADIS", "ADISPOS", "S1", "M1", "PL"}
 _ADDRESS = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+)(?:EX[+-]?\d+)?)", re.IGNORECASE)
 _LETTER_NUMBER = re.compile(r"[A-Z]\d+")
@@ -340,7 +342,9 @@ class SiemensInterpreter:
 
     def _push(self, opened: _Open) -> None:
         if len(self._open) >= MOST_NESTED:
-            raise BlockError(f"loops and conditions lie more than {MOST_NESTED} deep: is one left by a jump?", opened.kind)
+            raise BlockError(
+                f"loops and conditions lie more than {MOST_NESTED} deep: is one left by a jump?", opened.kind
+            )
         self._open.append(opened)
 
     def _top(self, kind: str, word: str) -> _Open:
@@ -384,13 +388,17 @@ class SiemensInterpreter:
             raise BlockError(f"there is no label or block number {label} {way}: write it, or correct the jump", label)
         mark = found[0]
         if tuple(opened.head for opened in self._open[: len(mark.around)]) != mark.around:
-            raise BlockError(f"{label} lies inside a loop or condition, into which no jump leads: jump before it", label)
+            raise BlockError(
+                f"{label} lies inside a loop or condition, into which no jump leads: jump before it", label
+            )
         # a jump leaves the loops and conditions that are not around its target
         del self._open[len(mark.around) :]
         reader.go(mark.place)
 
     def _define(self, values: Values, at: int) -> None:
-        kind = re.compile(r"\s*(REAL|INT|BOOL|STRING|CHAR|AXIS|FRAME)(?![A-Z0-9_])", re.IGNORECASE).match(values.text, at)
+        kind = re.compile(r"\s*(REAL|INT|BOOL|STRING|CHAR|AXIS|FRAME)(?![A-Z0-9_])", re.IGNORECASE).match(
+            values.text, at
+        )
         if not kind or kind[1].upper() not in ("REAL", "INT", "BOOL"):
             raise BlockError("variables are DEF REAL, DEF INT or DEF BOOL: others are not read", "DEF")
         values.at = kind.end()
@@ -456,13 +464,17 @@ class SiemensInterpreter:
         if name == "PO":
             letter = (index or "").strip("[] ").upper()
             if letter not in tuple("XYZABCUVW"):
-                raise values.fault("a polynomial belongs to an axis: write PO[X]=(end,a2,a3); denominators are not read")
+                raise values.fault(
+                    "a polynomial belongs to an axis: write PO[X]=(end,a2,a3); denominators are not read"
+                )
             words.polynomials[letter] = values.arguments()
         elif name == "T":
             string = values.string()
             words.tool = string if string is not None else f"{values.expression():g}"
         elif name.startswith("$"):
-            raise values.fault("setting and machine data cannot be written by what is planned: take the line out", at, name)
+            raise values.fault(
+                "setting and machine data cannot be written by what is planned: take the line out", at, name
+            )
         elif name in _WORDS:
             how = values.placing()
             value = values.expression()
@@ -512,7 +524,9 @@ class SiemensInterpreter:
             if group is None:
                 raise values.fault("there is no such code here", at, f"G{placed.value:g}")
             if group in words.codes and group != "other":
-                raise values.fault(f"G{words.codes[group]} and G{code} exclude each other: use two lines", at, f"G{code}")
+                raise values.fault(
+                    f"G{words.codes[group]} and G{code} exclude each other: use two lines", at, f"G{code}"
+                )
             words.codes[group] = code
         elif letter == "M":
             words.m_codes.append(round(placed.value))
@@ -821,7 +835,11 @@ class SiemensInterpreter:
 
     def _set_pole(self, words: _Words, code: int) -> None:
         first, second, _ = PLANES[self._state.plane]
-        base = {110: [self._state.position[first], self._state.position[second]], 111: [0.0, 0.0], 112: list(self._pole)}
+        base = {
+            110: [self._state.position[first], self._state.position[second]],
+            111: [0.0, 0.0],
+            112: list(self._pole),
+        }
         unit = INCH if self._inch else 1.0
         pole = base[code]
         for k, axis in enumerate((first, second)):
@@ -885,7 +903,9 @@ class SiemensInterpreter:
         begin, end = state.position[:3], target[:3]
         plane = next((code for code, (_, _, k) in PLANES.items() if begin[k] == middle[k] == end[k]), None)
         if plane is None:
-            raise BlockError("the circle of CIP lies in none of the planes XY, ZX and YZ: such circles are not planned", "CIP")
+            raise BlockError(
+                "the circle of CIP lies in none of the planes XY, ZX and YZ: such circles are not planned", "CIP"
+            )
         first, second, _ = PLANES[plane]
         a, b, c = ((point[first], point[second]) for point in (begin, middle, end))
         center = _center(a, b, c)
@@ -919,7 +939,9 @@ class SiemensInterpreter:
             axis = AXES.index(letter.lower())
             unit = INCH if self._inch and axis in LINEAR else 1.0
             if not 1 <= len(row) <= 3:
-                raise BlockError(f"PO[{letter}] has an end and a2, a3: polynomials above third degree are not read", "PO")
+                raise BlockError(
+                    f"PO[{letter}] has an end and a2, a3: polynomials above third degree are not read", "PO"
+                )
             target[axis] = self._placed(Placed(row[0]), axis, start[axis], unit)
             for k, a in enumerate(row[1:]):
                 higher[k][axis] = a * unit * span ** (k + 2)

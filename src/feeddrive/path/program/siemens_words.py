@@ -1,8 +1,8 @@
 """Words of SINUMERIK programs that are not planned, with the reason, and the expressions that are values of words.
 
-Operators from the strongest to the weakest, each from left to right: NOT B_NOT; * / DIV MOD; + -; B_AND; B_XOR; B_OR; AND;
-XOR; OR; == <> > < >= <=.  Comparisons bind weakest on the control, which reads `A==1 AND B==1` as `A==(1 AND B)==1`: such a
-condition is refused, with the parentheses that it needs.
+Operators from the strongest to the weakest, each from left to right: NOT B_NOT; * / DIV MOD; + -; B_AND; B_XOR; B_OR;
+AND; XOR; OR; == <> > < >= <=.  Comparisons bind weakest on the control, which reads `A==1 AND B==1` as
+`A==(1 AND B)==1`: such a condition is refused, with the parentheses that it needs.
 """
 
 import math
@@ -24,31 +24,142 @@ _CORNER = "a rounding or chamfer that the control inserts is not planned: write 
 _FRAME = "frames that scale or mirror are not planned: post the coordinates as they are moved"
 _MACHINE = "the place is a datum of the machine: write the move, with SUPA in machine coordinates"
 _COMPENSATION = (
-    "how the contour is approached and which arcs are inserted depends on machine data (NORM, KONT, G450): post the path of "
-    "the tool's center"
+    "how the contour is approached and which arcs are inserted depends on machine data (NORM, KONT, G450): post the "
+    "path of the tool's center"
 )
 _PLC = "what it does is decided by the machine's own logic: take it out"
 _WORDS: dict[str, tuple[str, ...]] = {
     _FIVE: (
-        *("TRAORI", "ORIWKS", "ORIMKS", "ORIAXES", "ORIVECT", "ORIPLANE", "ORICONCW", "ORICONCCW", "ORICURVE", "ORIEULER"),
-        *("ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORISON", "ORIROTA", "LEAD", "TILT", "A2", "B2", "C2", "A3", "B3", "C3"),
-        *("A4", "B4", "C4", "A5", "B5", "C5", "TOROT", "TOFRAME", "PAROT", "TCARR", "TCOABS", "TCOFR", "CUT3DC", "CUT3DF"),
+        *(
+            "TRAORI",
+            "ORIWKS",
+            "ORIMKS",
+            "ORIAXES",
+            "ORIVECT",
+            "ORIPLANE",
+            "ORICONCW",
+            "ORICONCCW",
+            "ORICURVE",
+            "ORIEULER",
+        ),
+        *(
+            "ORIRPY",
+            "ORIRPY2",
+            "ORIVIRT1",
+            "ORIVIRT2",
+            "ORISON",
+            "ORIROTA",
+            "LEAD",
+            "TILT",
+            "A2",
+            "B2",
+            "C2",
+            "A3",
+            "B3",
+            "C3",
+        ),
+        *(
+            "A4",
+            "B4",
+            "C4",
+            "A5",
+            "B5",
+            "C5",
+            "TOROT",
+            "TOFRAME",
+            "PAROT",
+            "TCARR",
+            "TCOABS",
+            "TCOFR",
+            "CUT3DC",
+            "CUT3DF",
+        ),
         *("CUT3DFS", "CUT3DFF", "TLIFT", "CYCLE996"),
     ),
-    _LATHE: ("DIAMON", "DIAM90", "DIAMCYCOF", "TRANSMIT", "TRACYL", "TRAANG", "LIMS", "G96", "G961", "G962", "G971", "G973"),
-    _SPLINE: ("ASPLINE", "BSPLINE", "CSPLINE", "BAUTO", "BNAT", "BTAN", "EAUTO", "ENAT", "ETAN", "PW", "SD", "SPLINEPATH"),
+    _LATHE: (
+        "DIAMON",
+        "DIAM90",
+        "DIAMCYCOF",
+        "TRANSMIT",
+        "TRACYL",
+        "TRAANG",
+        "LIMS",
+        "G96",
+        "G961",
+        "G962",
+        "G971",
+        "G973",
+    ),
+    _SPLINE: (
+        "ASPLINE",
+        "BSPLINE",
+        "CSPLINE",
+        "BAUTO",
+        "BNAT",
+        "BTAN",
+        "EAUTO",
+        "ENAT",
+        "ETAN",
+        "PW",
+        "SD",
+        "SPLINEPATH",
+    ),
     _SPINDLE: ("G33", "G34", "G35", "G63", "G331", "G332", "SPOS", "SPOSA", "SPCON", "COUPON", "FPR"),
     _CYCLE: ("MCALL", "HOLES1", "HOLES2", "POCKET1", "POCKET2", "POCKET3", "POCKET4", "SLOT1", "SLOT2", "LONGHOLE"),
     _CALL: (
-        *("CALL", "PCALL", "EXTCALL", "ISOCALL", "MODALCALL", "PROC", "EXTERN", "L", "P", "CASE", "REPEATB", "INIT", "START"),
+        *(
+            "CALL",
+            "PCALL",
+            "EXTCALL",
+            "ISOCALL",
+            "MODALCALL",
+            "PROC",
+            "EXTERN",
+            "L",
+            "P",
+            "CASE",
+            "REPEATB",
+            "INIT",
+            "START",
+        ),
         "WAITE",
     ),
     _FEED: ("FLIN", "FCUB", "FPO", "FRC", "FRCM", "FB", "FXS", "FGROUP", "FGREF", "FL", "FA", "OVR", "OVRRAP", "G93.1"),
     _CORNER: ("CHF", "CHR", "RND", "RNDM", "ANG"),
-    _FRAME: ("SCALE", "ASCALE", "MIRROR", "AMIRROR", "CTRANS", "CROT", "CSCALE", "CMIRROR", "ROTS", "AROTS", "CROTS", "MEAFRAME"),
+    _FRAME: (
+        "SCALE",
+        "ASCALE",
+        "MIRROR",
+        "AMIRROR",
+        "CTRANS",
+        "CROT",
+        "CSCALE",
+        "CMIRROR",
+        "ROTS",
+        "AROTS",
+        "CROTS",
+        "MEAFRAME",
+    ),
     _MACHINE: ("G74", "G75", "G751", "FP"),
     _COMPENSATION: ("G41", "G42", "G140", "G147", "G148", "G247", "G248", "G347", "G348", "OFFN"),
-    _PLC: ("H", "ID", "IDS", "WHEN", "WHENEVER", "FROM", "EVERY", "DO", "SYNFCT", "WAITM", "WAITMC", "SETM", "CANCEL", "Q", "E", "O"),
+    _PLC: (
+        "H",
+        "ID",
+        "IDS",
+        "WHEN",
+        "WHENEVER",
+        "FROM",
+        "EVERY",
+        "DO",
+        "SYNFCT",
+        "WAITM",
+        "WAITMC",
+        "SETM",
+        "CANCEL",
+        "Q",
+        "E",
+        "O",
+    ),
     "the tangent of the move before is not used: write the center or the radius": ("CT",),
     "involutes are not planned: post lines or arcs": ("INVCW", "INVCCW"),
     "offsets in the program by G58 and G59 are not read: write TRANS": ("G58", "G59"),
@@ -66,10 +177,33 @@ _REASONS = {word: reason for reason, words in _WORDS.items() for word in words}
 IGNORED = frozenset(
     (
         *("SOFT", "SOFTA", "BRISK", "BRISKA", "DRIVE", "DRIVEA", "FFWON", "FFWOF", "FIFOCTRL", "STARTFIFO", "STOPFIFO"),
-        *("COMPON", "COMPCURV", "COMPCAD", "COMPSURF", "COMPOF", "COMPPATH", "DYNNORM", "DYNPOS", "DYNROUGH", "DYNSEMIFIN"),
+        *(
+            "COMPON",
+            "COMPCURV",
+            "COMPCAD",
+            "COMPSURF",
+            "COMPOF",
+            "COMPPATH",
+            "DYNNORM",
+            "DYNPOS",
+            "DYNROUGH",
+            "DYNSEMIFIN",
+        ),
         *("DYNFINISH", "DYNPREC", "UPATH", "SPATH", "CFC", "CFTCP", "CFIN", "RTLION", "RTLIOF", "ORISOF", "WALIMON"),
         *("WALIMOF", "CDOF", "CDON", "CDOF2", "NORM", "KONT", "G450", "G451", "WORKPIECE", "SETMS", "SBLOF", "SBLON"),
-        *("DISPLOF", "DISPLON", "SAVE", "GETT", "GROUP_BEGIN", "GROUP_END", "BSS", "CUT2D", "CUT2DF", "ORIRESET", "TOROTOF"),
+        *(
+            "DISPLOF",
+            "DISPLON",
+            "SAVE",
+            "GETT",
+            "GROUP_BEGIN",
+            "GROUP_END",
+            "BSS",
+            "CUT2D",
+            "CUT2DF",
+            "ORIRESET",
+            "TOROTOF",
+        ),
         *("PAROTOF", "TCOABSOF", "RPY", "MSG_OFF", "AUXFUDEL", "PRESETON_OFF"),
     )
 )
@@ -145,7 +279,9 @@ _LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (
 )
 _LOGIC = ("OR", "XOR", "AND")
 _TOKEN = [
-    re.compile("|".join(f"{re.escape(sign)}(?![A-Z0-9_])" if sign[0].isalpha() else re.escape(sign) for sign in level), re.I)
+    re.compile(
+        "|".join(f"{re.escape(sign)}(?![A-Z0-9_])" if sign[0].isalpha() else re.escape(sign) for sign in level), re.I
+    )
     for level in _LEVELS
 ]
 _NUMBER = re.compile(r"(\d+\.?\d*|\.\d+)(EX[+-]?\d+)?", re.IGNORECASE)
