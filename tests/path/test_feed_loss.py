@@ -158,7 +158,10 @@ def test_causes_sum_to_the_time_lost_against_the_feed(seed: int, tmp_path: Path)
     assert all(fall.slowest < 0.95 * fall.feed or fall.feed == 0.0 for fall in loss.falls)
 
 
-def rows(count: int, speed: np.ndarray) -> tuple[np.ndarray, ...]:
+Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def rows(count: int, speed: np.ndarray) -> Rows:
     values = np.zeros((count, 1, 5))
     values[:, 0, 1] = speed
     return values, np.ones(count), np.ones(count, np.int64), np.zeros(count, np.int64)
@@ -187,23 +190,18 @@ def test_a_fall_is_5_percent_below_the_feed(speed: float, falls: int) -> None:
     assert found.result().fall_count == falls
 
 
-def held(level: np.ndarray, use: float = 0.9, arc: slice | None = None, feed: float = 1.0) -> tuple[str, str]:
-    """Cause and limit of the one fall of samples from the 10th second on; `level` x min(feed, 2 m/s) is their speed."""
+def held(level: np.ndarray, use: float = 0.9, arc: slice | None = None) -> tuple[str, str]:
+    """Cause and limit of a fall with these speeds, m/s, between two stretches at the feed of 1 m/s."""
     found = recorder()
-    quick = np.full(10_000, feed)
-    found.add(*rows(len(quick), np.minimum(quick, 2.0))[:1], *rows_feed(len(quick), feed))
-    values, _, line, shape = rows(len(level), level * min(feed, 2.0))
+    found.add(*rows(5000, np.ones(5000)))
+    values, feed, line, shape = rows(len(level), level)
     values[:, 0, 2] = 5.0 * use
     if arc is not None:
         shape[arc] = ARC
-    found.add(values, np.full(len(level), feed), line, shape)
-    found.add(*rows(1000, np.full(1000, min(feed, 2.0)))[:1], *rows_feed(1000, feed))
-    falls = [fall for fall in found.result().falls if fall.time > 5.0]
-    return falls[0].cause, falls[0].limit
-
-
-def rows_feed(count: int, feed: float) -> tuple[np.ndarray, ...]:
-    return np.full(count, feed), np.ones(count, np.int64), np.zeros(count, np.int64)
+    found.add(values, feed, line, shape)
+    found.add(*rows(5000, np.ones(5000)))
+    (fall,) = found.result().falls
+    return fall.cause, fall.limit
 
 
 @pytest.mark.parametrize(("use", "limit"), [(0.4, "no limit above half"), (0.6, "acceleration of X")])

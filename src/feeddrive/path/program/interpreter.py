@@ -99,8 +99,9 @@ class Modes(NamedTuple):
     @classmethod
     def of(cls, state: State) -> Modes:
         """Return the modes of a state."""
-        values = {name: getattr(state, name) for name in cls._fields}
-        return cls(**values | {"tool_offset": tuple(state.tool_offset)})
+        modes = cls._make(getattr(state, name) for name in cls._fields)
+        # the list goes on changing
+        return modes._replace(tool_offset=tuple(state.tool_offset))
 
     def unit_line(self, state: State) -> str:
         """Return the block that restores the unit; empty if it is the same."""

@@ -58,9 +58,11 @@ _MOTIONS = {"CIP", "POLY"}
 _FRAMES = {"TRANS", "ATRANS", "ROT", "AROT"}
 # what can stand before =, besides variables and R parameters
 _WORDS = frozenset(
-    {*AXES.upper(), *"IJKFSDT", "CR", "TURN", "AR", "AP", "RP", "I1", "J1", "K1", "CTOL", "OTOL", "ATOL"}
+    {
+        *(*AXES.upper(), *"IJKFSDT", "CR", "TURN", "AR", "AP", "RP", "I1", "J1", "K1", "CTOL", "OTOL", "ATOL"),
+        *("RPL", "ADIS", "ADISPOS", "S1", "M1", "PL"),
+    }
 )
-_WORDS |= {"RPL", "ADIS", "ADISPOS", "S1", "M1", "PL"}
 _ADDRESS = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+)(?:EX[+-]?\d+)?)", re.IGNORECASE)
 _LETTER_NUMBER = re.compile(r"[A-Z]\d+")
 _NAME = re.compile(r"[A-Z_$][A-Z0-9_]*", re.IGNORECASE)

@@ -225,13 +225,12 @@ def refusal(word: str) -> str:
     return _REASONS.get(word, "")
 
 
-_FUNCTIONS: dict[str, Callable[..., float]] = {
+_OF_ONE: dict[str, Callable[[float], float]] = {
     "SIN": lambda x: math.sin(math.radians(x)),
     "COS": lambda x: math.cos(math.radians(x)),
     "TAN": lambda x: math.tan(math.radians(x)),
     "ASIN": lambda x: math.degrees(math.asin(x)),
     "ACOS": lambda x: math.degrees(math.acos(x)),
-    "ATAN2": lambda y, x: math.degrees(math.atan2(y, x)),
     "SQRT": math.sqrt,
     "POT": lambda x: x * x,
     "ABS": abs,
@@ -241,10 +240,14 @@ _FUNCTIONS: dict[str, Callable[..., float]] = {
     "ROUNDUP": lambda x: float(math.ceil(x)),
     "LN": math.log,
     "EXP": math.exp,
-    "MINVAL": lambda a, b: min(a, b),
-    "MAXVAL": lambda a, b: max(a, b),
-    "BOUND": lambda low, high, x: min(max(x, low), high),
 }
+_OF_TWO: dict[str, Callable[[float, float], float]] = {
+    "ATAN2": lambda y, x: math.degrees(math.atan2(y, x)),
+    "MINVAL": min,
+    "MAXVAL": max,
+}
+_BOUND = "BOUND"  # BOUND(low, high, x)
+_FUNCTIONS = frozenset({*_OF_ONE, *_OF_TWO, _BOUND})
 
 
 def _whole_division(a: float, b: float) -> float:
@@ -404,9 +407,14 @@ class Values:
             raise self.fault(f"{word} needs its argument in parentheses")
         arguments = self.arguments()
         try:
-            return float(_FUNCTIONS[word](*arguments))
-        except TypeError:
-            raise self.fault(f"{word} has another number of arguments than {len(arguments)}", begin, word) from None
+            if word in _OF_ONE and len(arguments) == 1:
+                return _OF_ONE[word](arguments[0])
+            if word in _OF_TWO and len(arguments) == 2:
+                return _OF_TWO[word](arguments[0], arguments[1])
+            if word == _BOUND and len(arguments) == 3:
+                low, high, x = arguments
+                return min(max(x, low), high)
+            raise self.fault(f"{word} has another number of arguments than {len(arguments)}", begin, word)
         except ValueError:
             shown = ", ".join(f"{Quantity(value):6}" for value in arguments)
             raise self.fault(f"{word} has no value at {shown}", begin, word) from None
