@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,12 @@ from feeddrive.workflow.plan import PlanRequest, plan
 
 # a corner of 90 degrees; the tolerance decides how fast it is passed
 CORNER = "F6000\nG1 X20\nX20 Y20\nM2\n"
+
+
+@pytest.fixture
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the page, whose pictures have a test of their own."""
+    monkeypatch.setattr(sys.modules["feeddrive.workflow.plan"], "html", lambda _: "")
 
 
 def part(folder: Path, text: str = CORNER) -> Path:
@@ -44,6 +51,7 @@ def test_each_purpose_is_slower_and_gentler_than_the_one_before(tmp_path: Path) 
     assert both.cycle_time == plans["precision"].cycle_time
 
 
+@pytest.mark.usefixtures("no_report")
 def test_options_replace_what_the_purpose_sets(tmp_path: Path) -> None:
     path = part(tmp_path)
     request = PlanRequest(
@@ -74,6 +82,7 @@ def test_tolerances_of_the_program_stand(tmp_path: Path) -> None:
     assert "the program states 1 of its own, which stand" in told
 
 
+@pytest.mark.usefixtures("no_report")
 def test_a_job_takes_the_purpose_of_the_plan(tmp_path: Path) -> None:
     outcome = plan.run(PlanRequest(part(tmp_path), machine="xy_table", purpose="finishing", out=tmp_path / "o"))
     assert 'purpose = "finishing"' in (tmp_path / "o" / "job.toml").read_text()

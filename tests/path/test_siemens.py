@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,12 @@ from feeddrive.path.program.moves import (
 )
 from feeddrive.path.program.reading import read_commands, read_program
 from feeddrive.workflow.plan import PlanRequest, plan
+
+
+@pytest.fixture
+def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the page, whose pictures have a test of their own."""
+    monkeypatch.setattr(sys.modules["feeddrive.workflow.plan"], "html", lambda _: "")
 
 
 def moves(folder: Path, text: str, **options: object) -> list[Move]:
@@ -264,10 +271,13 @@ def test_rotary_words_turn_the_stated_way(tmp_path: Path) -> None:
 def test_tools_by_name_and_their_length(tmp_path: Path) -> None:
     table = tmp_path / "tool.tbl"
     table.write_text("T7 P7 Z50 D10 ;MILL_10\nT8 P8 Z20\n")
-    text = 'T="mill_10" M6\nD1\nG0 Z0\nD0\nT8 M6 D1\nZ0\nM30\n'
+    text = 'T="mill_10" M6\nG0 Z0\nT8 D1\nZ1\nM6\nZ0\nD0\nZ0\nT7 D0 M6\nZ2\nD1\nZ0\nM30\n'
     found = moves(tmp_path, text, tools=table)
-    assert [move.number for move in found if isinstance(move, ToolChange)] == [7, 8]
-    assert ends(found) == [(0, 0, 50), (0, 0, 20)]
+    assert [move.number for move in found if isinstance(move, ToolChange)] == [7, 8, 7]
+    # D beside T is that of the tool that M6 changes to, and D1 if there is none
+    assert ends(found) == [(0, 0, 50), (0, 0, 51), (0, 0, 20), (0, 0, 0), (0, 0, 2), (0, 0, 50)]
+    with pytest.raises(ProgramError, match=r"the tool table has one cutting edge a tool, and no D2"):
+        moves(tmp_path, "T7 D2\nM6\n", tools=table)
     with pytest.raises(ProgramError, match=r'the tool "BALL" is not in the tool table: add it there, with its name'):
         moves(tmp_path, 'T="BALL"\n', tools=table)
 
@@ -403,6 +413,7 @@ def test_deep_nesting_is_refused(tmp_path: Path) -> None:
     assert "ends inside LOOP" in str(refused(tmp_path, "LOOP\n" * 150))
 
 
+@pytest.mark.usefixtures("no_report")
 def test_the_command_plans_such_a_program(tmp_path: Path) -> None:
     path = tmp_path / "part.mpf"
     path.write_text('G642 F3000 M40\nCYCLE832(0.05,_ROUGH)\nT="M" D1 M6\nG1 X20\nX40 Y5\nX0 Y0\nM30\n')

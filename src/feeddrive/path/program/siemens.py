@@ -166,6 +166,7 @@ class SiemensInterpreter:
         self._contour_tolerance = self._rounding = 0.0
         self._path = 64
         self._named: dict[str, int] = {}
+        self._next_edge = 1.0  # D of the tool that the next M6 changes to
         self._ended = False
         self._path_of_program = program
         self._marks: dict[str, list[_Mark]] | None = None
@@ -599,7 +600,10 @@ class SiemensInterpreter:
     def _tools_and_switches(self, words: _Words) -> int | None:
         """Execute T, D and M; return the M code that stops or ends the program."""
         state, stop = self._state, None
+        edge = words.take("D")
         if words.tool is not None:
+            # the cutting edge is that of the tool that M6 will change to, and the first one if none is named
+            self._next_edge, edge = 1.0 if edge is None else edge, None
             state.selected = self._tool_number(words.tool)
             self._emit("SELECT_TOOL", state.selected)
         for code in words.m_codes:
@@ -608,6 +612,7 @@ class SiemensInterpreter:
                 self._emit("STOP_SPINDLE_TURNING", 0)
                 state.spindle, state.tool = 0, state.selected
                 self._emit("CHANGE_TOOL", state.tool)
+                edge, self._next_edge = self._next_edge if edge is None else edge, 1.0
             elif code in _SPINDLE:
                 state.spindle = {3: 1, 4: -1, 5: 0}[code]
                 self._emit(_SPINDLE[code], 0)
@@ -624,7 +629,6 @@ class SiemensInterpreter:
                     "take it out",
                     f"M{code}",
                 )
-        edge = words.take("D")
         if edge is not None:
             self._tool_length(edge)
         if "STOPRE" in words.keywords:
@@ -648,6 +652,10 @@ class SiemensInterpreter:
 
     def _tool_length(self, edge: float) -> None:
         tool = self._tools.get(self._state.tool) if self._tools is not None else None
+        if edge != round(edge) or not 0 <= edge <= 12:
+            raise BlockError(f"D is a whole number from 0 to 12, not {edge:g}", "D")
+        if edge > 1 and self._tools is not None:
+            raise BlockError(f"the tool table has one cutting edge a tool, and no D{edge:g}: write D1", "D")
         if edge and tool is None:
             # without a table the program moves the tip of a tool of no length
             self._emit("IGNORED", f"D{edge:g}")
