@@ -263,20 +263,20 @@ def test_five_causes_are_told() -> None:
 
 
 def test_samples_in_pieces_give_the_same_falls() -> None:
-    """Cut at any place: 3,000 samples of a wandering speed, with stops among them."""
+    """Cut at any place: 20,000 samples of a wandering speed, with stops among them."""
     draw = np.random.default_rng(5)
-    speed = np.interp(np.arange(3000), np.arange(0, 3001, 30), draw.uniform(0.0, 1.1, 101))
+    speed = np.interp(np.arange(20_000), np.arange(0, 20_001, 50), draw.uniform(0.0, 1.1, 401))
 
     def fell(cuts: list[int]) -> tuple[Fall, ...]:
         found = recorder()
-        for a, b in zip([0, *cuts], [*cuts, 3000], strict=True):
+        for a, b in zip([0, *cuts], [*cuts, 20_000], strict=True):
             found.add(*rows(b - a, speed[a:b]))
         return found.result().falls
 
     whole = fell([])
     assert len(whole) > 20
     for _ in range(5):
-        assert fell(sorted(draw.integers(1, 3000, 12).tolist())) == whole
+        assert fell(sorted(draw.integers(1, 20_000, 12).tolist())) == whole
     assert {fall.cause for fall in whole} == {START, END, ON_LINE}
 
 

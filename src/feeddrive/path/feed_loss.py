@@ -51,6 +51,7 @@ _AT_LIMIT = 0.98  # utilization from which a velocity limit holds the speed
 _NEAR = 1.1  # times the lowest level: the samples among which the place of the cause is sought
 _MOSTLY = 0.5  # of these samples: a velocity limit holds the speed if more of them are at it
 _USED = 0.5  # of a limit: below it no limit is named
+_AT_ONCE = 4096  # samples that are evaluated together: many parts of a motion are shorter than a hundred
 _PENDING = 65536  # largest number of samples of a fall, so that memory is bounded
 _TOLD = 5  # causes in a sentence
 _TRACK = 16384  # largest number of rows of the causes over time
@@ -126,7 +127,7 @@ class FeedLoss:
 
 
 class _Pending(NamedTuple):
-    """Samples of a fall that may go on: number, v, F, line, shape, limit used most with its use, and override.
+    """Slow samples, of falls that may go on: number, v, F, line, shape, limit used most with its use, and override.
 
     rapid   the largest speed within the velocity limits in this direction, m/s, and the axis that limits it
     level   speed over the lesser of the feed and this speed
@@ -159,6 +160,8 @@ class FeedLossRecorder:
     def __init__(self, limits: np.ndarray, names: Sequence[str], sample_time: float) -> None:
         self._limits, self._names, self._sample_time = limits, tuple(names), sample_time
         self._pending: _Pending | None = None
+        self._batch: list[tuple[np.ndarray, ...]] = []
+        self._waiting = 0
         self._stops = deque([(0.0, 0.0, START)])
         self._sums: dict[tuple[str, str], list[float]] = {}
         self._within = [0.0, 0.0]
@@ -186,40 +189,65 @@ class FeedLossRecorder:
         shape   LINE, ARC, POLYNOMIAL or CORNER, shape (n,)
         factor  feed override
         """
-        velocity = values[:, :, 1]
-        speed = np.linalg.norm(velocity, axis=1)
         programmed = feed / factor if factor > 0.0 else feed.copy()
-        direction = np.abs(velocity) / np.maximum(speed, 1e-300)[:, None]
-        # the largest size of a vector along the path whose components are within the limits of velocity to jerk
-        rapid, acceleration, jerk = (
-            1.0 / np.maximum(np.max(direction / limit, axis=1), 1.0 / np.max(limit)) for limit in self._limits.T[:3]
+        self._batch.append((values, programmed, line, shape, np.full(len(feed), factor)))
+        self._waiting += len(feed)
+        if self._waiting >= _AT_ONCE:
+            self._evaluate()
+
+    def _evaluate(self) -> None:
+        """Evaluate the samples of the batch."""
+        if not self._batch:
+            return
+        values, programmed, line, shape, factor = (
+            np.concatenate(columns) for columns in zip(*self._batch, strict=True)
         )
-        programmed = np.where(np.isinf(programmed), rapid, programmed)
+        self._batch, self._waiting = [], 0
+        speed = np.sqrt(np.einsum("ij,ij->i", values[:, :, 1], values[:, :, 1]))
+        traverse = np.flatnonzero(np.isinf(programmed))
+        if len(traverse):
+            programmed[traverse] = self._quickest(values[traverse, :, 1], speed[traverse], 0)
+        ratio = np.divide(speed, programmed, out=np.zeros(len(speed)), where=programmed > 0.0)
+        slow = ratio < SLOW
+        self._within[0] += self._sample_time * float(np.sum(1.0 - ratio[~slow]))
+        self._within[1] += self._sample_time * float(np.sum(speed[~slow]))
+        # most motions are at their feed for most of the time: the rest of the work is for the others only
+        chosen = np.flatnonzero(slow)
+        first, self._samples = self._samples, self._samples + len(speed)
+        values, speed, programmed = values[chosen], speed[chosen], programmed[chosen]
+        velocity = values[:, :, 1]
+        rapid, acceleration, jerk = (self._quickest(velocity, speed, k) for k in range(3))
         along = np.abs(np.einsum("ij,ij->i", velocity, values[:, :, 2])) / np.maximum(speed, 1e-300)
         use = (np.abs(values[:, :, 1:]) / self._limits).reshape(len(values), 4 * values.shape[1])
         limit = np.argmax(use, axis=1)
-        new = _Pending(
-            self._samples + np.arange(len(speed)),
+        rows = _Pending(
+            first + chosen,
             speed,
             programmed,
-            line,
-            shape,
+            line[chosen],
+            shape[chosen],
             limit,
             use[np.arange(len(use)), limit],
-            np.full(len(speed), factor),
+            factor[chosen],
             rapid,
-            np.argmax(direction / self._limits[:, 0], axis=1),
+            np.argmax(np.abs(velocity) / self._limits[:, 0], axis=1),
             np.where(programmed > 0.0, speed / np.maximum(np.minimum(programmed, rapid), 1e-300), 0.0),
             along < STEADY * acceleration,
             4.0 * STEADY * acceleration / jerk / self._sample_time,
         )
-        self._samples += len(speed)
         if self._pending is not None:
-            new = _Pending(*(np.concatenate(pair) for pair in zip(self._pending, new, strict=True)))
-        self._take(new, False)
+            rows = _Pending(*(np.concatenate(pair) for pair in zip(self._pending, rows, strict=True)))
+        self._take(rows, False)
+
+    def _quickest(self, velocity: np.ndarray, speed: np.ndarray, k: int) -> np.ndarray:
+        """Return the largest size of a vector along each velocity whose components are within the limits `k`."""
+        limit = self._limits[:, k]
+        direction = np.abs(velocity) / np.maximum(speed, 1e-300)[:, None]
+        return 1.0 / np.maximum(np.max(direction / limit, axis=1, initial=0.0), 1.0 / np.max(limit))
 
     def result(self) -> FeedLoss:
         """Return the loss of all samples, whose motion ends here."""
+        self._evaluate()
         self.stop(self._samples * self._sample_time, 0.0, END)
         if self._pending is not None:
             self._take(self._pending, True)
@@ -240,28 +268,25 @@ class FeedLossRecorder:
         )
 
     def _take(self, rows: _Pending, ends: bool) -> None:
-        """Close all falls in these samples, but for the last one if it may go on."""
-        ratio = np.divide(rows.speed, rows.feed, out=np.zeros(len(rows.speed)), where=rows.feed > 0.0)
-        slow = ratio < SLOW
-        T = self._sample_time
-        self._within[0] += T * float(np.sum(1.0 - ratio[~slow]))
-        self._within[1] += T * float(np.sum(rows.speed[~slow]))
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]])))
+        """Close all falls in these slow samples, but for the last one if it may go on."""
         self._pending = None
-        for begin, end in edges.reshape(-1, 2):
-            open_ended = end == len(slow) and not ends
-            cuts = [int(begin), *(int(begin) + cut for cut in _separated(rows.level[begin:end])), int(end)]
-            if open_ended and cuts[-1] - cuts[-2] < _PENDING:
+        if not len(rows.number):
+            return
+        T, steps = self._sample_time, np.flatnonzero(np.diff(rows.number) != 1) + 1
+        for begin, end in pairwise([0, *steps.tolist(), len(rows.number)]):
+            goes_on = not ends and int(rows.number[end - 1]) == self._samples - 1
+            cuts = [begin, *(begin + cut for cut in _separated(rows.level[begin:end])), end]
+            if goes_on and cuts[-1] - cuts[-2] < _PENDING:
                 self._pending = _Pending(*(column[cuts[-2] :] for column in rows))
                 cuts.pop()
             for a, b in pairwise(cuts):
-                self._take_valley(_Pending(*(column[a:b] for column in rows)), ratio[a:b])
-            if not open_ended:
+                self._take_valley(_Pending(*(column[a:b] for column in rows)))
+            if not goes_on:
                 self._mark(T * float(rows.number[end - 1] + 1), WITHIN, 0.0)
 
-    def _take_valley(self, rows: _Pending, ratio: np.ndarray) -> None:
+    def _take_valley(self, rows: _Pending) -> None:
         """Close the falls around one minimum: its own, and those of plateaus before and behind it."""
-        lowest, cuts = int(np.argmin(rows.level)), {0, len(ratio)}
+        lowest, cuts = int(np.argmin(rows.level)), {0, len(rows.level)}
         edges = np.flatnonzero(np.diff(np.concatenate([[False], rows.steady, [False]])))
         for a, b in edges.reshape(-1, 2):
             plateau = _Pending(*(column[a:b] for column in rows))
@@ -269,10 +294,11 @@ class FeedLossRecorder:
             if b - a > plateau.turn[0] and apart and self._held(plateau)[0] != ON_LINE:
                 cuts.add(int(a) if a > lowest else int(b))
         for a, b in pairwise(sorted(cuts)):
-            self._close(_Pending(*(column[a:b] for column in rows)), ratio[a:b])
+            self._close(_Pending(*(column[a:b] for column in rows)))
 
-    def _close(self, rows: _Pending, ratio: np.ndarray) -> None:
+    def _close(self, rows: _Pending) -> None:
         T = self._sample_time
+        ratio = np.divide(rows.speed, rows.feed, out=np.zeros(len(rows.speed)), where=rows.feed > 0.0)
         time, duration = T * float(rows.number[0]), T * len(ratio)
         lost, length = T * float(np.sum(1.0 - ratio)), T * float(np.sum(rows.speed))
         # falls and stops come in order of time, so what ends before this fall is of no later one
