@@ -21,6 +21,7 @@ from feeddrive.language.errors import ParameterError, ProgramError
 from feeddrive.language.kernels.kernel import interpreted
 from feeddrive.language.kernels.source import by_field, columns
 from feeddrive.path import planned, setpoints
+from feeddrive.path.feed_loss import FeedLossRecorder
 from feeddrive.path.geometry.cluster import (
     Goals,
     _prepared,
@@ -450,6 +451,7 @@ def test_a_plan_lists_a_thousand_stops_and_counts_all() -> None:
     class Stopping:
         limits, sample_time, samples, time, blocks, runs = AXES, 1e-3, 0, 0.0, 0, 0
         prover, seconds = Prover(LIMITS), dict[str, float]()
+        losses = FeedLossRecorder(LIMITS, AXES.causes[:12], 1e-3)
         stops: tuple[Standstill, ...] | list[Standstill] = ()
 
         def __iter__(self) -> Iterator[Samples]:
