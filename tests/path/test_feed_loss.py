@@ -121,6 +121,20 @@ def test_an_arc_is_the_cause_as_far_as_its_speed_is_even(tmp_path: Path) -> None
     assert {(fall.first, fall.last) for fall in around} == {(3, 3)}
 
 
+def test_where_runs_overlap_each_counts_with_its_own_feed(tmp_path: Path) -> None:
+    """From 6 mm/s into 300 mm/s around a corner; the corner is rounded by less than 0.1 mm, 15 ms at 6 mm/s."""
+    found = planned(tmp_path, "G64 P0.05 F360\nG1 X5\nF18000\nG1 X5 Y60\nM2\n")
+    assert found.loss.lost == pytest.approx(found.cycle_time - 5.0 / 6.0 - 60.0 / 300.0, abs=0.02)
+
+
+def test_a_feed_beyond_all_limits_has_a_fall_for_each_corner(tmp_path: Path) -> None:
+    """Behind a traverse, which is at its feed: of 17 m/s the corners are at less than a hundredth."""
+    corners = "".join(f"X{50 + 20 * k} Y{20 * (k % 2)}\n" for k in range(1, 7))
+    found = planned(tmp_path, f"G64 P0.1 F1000000\nG0 X50\nG1\n{corners}M2\n")
+    assert found.loss.fall_count >= 8
+    assert all(fall.duration < 0.4 for fall in found.loss.falls)
+
+
 def test_override_and_hold_are_causes(tmp_path: Path) -> None:
     """Half of the feed from 0.5 s to 1 s costs 0.25 s, and a hold of 0.2 s more than that."""
     found = planned(tmp_path, "F6000\nG1 X300\nM2\n", [(0.5, 0.5), (1.0, 1.0), (2.0, 0.0), (2.2, 1.0)])

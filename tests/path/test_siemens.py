@@ -249,9 +249,11 @@ def test_polynomials_are_exact_curves(tmp_path: Path) -> None:
 
 def test_arcs_by_angle_and_pole(tmp_path: Path) -> None:
     found = moves(
-        tmp_path, "F600\nG1 X10\nG3 I-10 J0 AR=90\nG3 X-10 Y0 AR=90\nG111 X5 Y5\nG1 RP=2 AP=90\nAP=IC(90)\nM30\n"
+        tmp_path,
+        "F600\nG1 X10\nG3 I-10 J0 AR=90\nG3 X-10 Y0 AR=90\nG2 I10 J0 AR=90\n"
+        "G111 X5 Y5\nG1 RP=2 AP=90\nAP=IC(90)\nM30\n",
     )
-    assert ends(found) == [(10, 0, 0), (0, 10, 0), (-10, 0, 0), (5, 7, 0), (3, 5, 0)]
+    assert ends(found) == [(10, 0, 0), (0, 10, 0), (-10, 0, 0), (0, 10, 0), (5, 7, 0), (3, 5, 0)]
     for arc in (move for move in found if isinstance(move, Arc)):
         assert arc.center == pytest.approx((0.0, 0.0), abs=1e-12)
 
