@@ -55,7 +55,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -730,7 +730,8 @@ def planned_program(
     with closing(moves):
         cut_process = None if process is None else process_of(process, program)
         stated = moves if used.tolerance is None else with_tolerance(moves, used.tolerance)
-        setpoints = Setpoints(stated if cut_process is None else cut_process.spindle.noted(stated), limits, T)
+        noted = stated if cut_process is None else cut_process.spindle.noted(stated)
+        setpoints = Setpoints(noted, limits, T, None, used)
 
         def keep(samples: Samples, _: Sequence[Standstill]) -> None:
             kept.append(samples.values)
@@ -750,7 +751,7 @@ def planned_program(
                     kind=NotPlannedError,
                 )
 
-        planned = replace(planned_of(setpoints, program.name, machine.name, keep), settings=used)
+        planned = planned_of(setpoints, program.name, machine.name, keep)
     rows, line = np.concatenate(kept), np.concatenate(lines)
     names = {name.upper(): name for name in machine.loops}
     references = {names[letter]: _reference(rows[:, i], T) for i, letter in enumerate(limits.letters)}

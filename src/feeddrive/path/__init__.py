@@ -14,7 +14,7 @@ make_lazy(
         "program.state": "Tool read_tools",
         "limits": "AxisLimits MachineLimits",
         "feed_loss": "CauseOfLoss Fall FeedLoss",
-        "purpose": "Dynamics PURPOSES Purpose Settings settings with_tolerance",
+        "purpose": "Dynamics Purpose Settings settings with_tolerance",
         "planned": "Planned planned_of",
         "setpoints": "Setpoints",
         "polygon": "waypoints",

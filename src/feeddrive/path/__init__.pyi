@@ -38,7 +38,6 @@ from feeddrive.path.program.reading import read_commands as read_commands
 from feeddrive.path.program.reading import read_program as read_program
 from feeddrive.path.program.state import Tool as Tool
 from feeddrive.path.program.state import read_tools as read_tools
-from feeddrive.path.purpose import PURPOSES as PURPOSES
 from feeddrive.path.purpose import Dynamics as Dynamics
 from feeddrive.path.purpose import Purpose as Purpose
 from feeddrive.path.purpose import Settings as Settings

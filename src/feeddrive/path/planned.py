@@ -13,7 +13,7 @@ from feeddrive.language.text import Text
 from feeddrive.path.feed_loss import FeedLoss
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.proof import DERIVATIVES, Proof
-from feeddrive.path.purpose import DEFAULT, Settings
+from feeddrive.path.purpose import Settings
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 
 _STRETCHES = 8192
@@ -150,7 +150,7 @@ class Planned(Result):
     seconds: Mapping[str, float]
     course: Course
     loss: FeedLoss
-    settings: Settings = DEFAULT
+    settings: Settings
 
     def table(self) -> Table:
         """Return a table of the limits of each axis and the peak utilization of each limit."""
@@ -208,4 +208,5 @@ def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | No
         setpoints.seconds,
         recorder.course(setpoints.sample_time),
         setpoints.losses.result(),
+        setpoints.settings,
     )

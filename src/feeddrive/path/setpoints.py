@@ -36,6 +36,7 @@ from feeddrive.path.motion import (
 )
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
 from feeddrive.path.proof import Prover
+from feeddrive.path.purpose import DEFAULT, Settings
 from feeddrive.path.schedule.corner import Crossings
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Override, Schedule
@@ -293,6 +294,7 @@ class Setpoints:
 
     moves        moves from `read_program`
     sample_time  sample time of the loop, s
+    settings     tolerance and dynamics that moves and limits contain
     stops        standstills since the list was last emptied
     blocks       number of straight moves, arcs and splines read
     line         program line being read
@@ -303,9 +305,14 @@ class Setpoints:
     """
 
     def __init__(
-        self, moves: Iterable[Move], limits: MachineLimits, sample_time: float, override: Override | None = None
+        self,
+        moves: Iterable[Move],
+        limits: MachineLimits,
+        sample_time: float,
+        override: Override | None = None,
+        settings: Settings = DEFAULT,
     ) -> None:
-        self.limits, self.sample_time = limits, sample_time
+        self.limits, self.sample_time, self.settings = limits, sample_time, settings
         self.stops: list[Standstill] = []
         self.blocks = self.line = self.samples = self.runs = 0
         self.time = 0.0

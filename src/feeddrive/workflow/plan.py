@@ -131,13 +131,13 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     # a generator that an error leaves suspended would keep the program file open
     counts = Counts()
     with contextlib.closing(_moves(request, limits, used.tolerance, progress, counts)) as moves:
-        setpoints = Setpoints(moves, limits, sample_time, override)
+        setpoints = Setpoints(moves, limits, sample_time, override, used)
         if request.out is None:
-            planned = replace(planned_of(setpoints, *names), settings=used)
+            planned = planned_of(setpoints, *names)
             return _outcome(planned, None, machine, counts)
         with new_directory(request.out) as folder:
             with setpoint_files(folder, limits, sample_time, request.program.name) as writer:
-                planned = replace(planned_of(setpoints, *names, _into(writer)), settings=used)
+                planned = planned_of(setpoints, *names, _into(writer))
             write_plan(folder, planned)
             if job := _job(request, machine, planned):
                 (folder / JOB).write_text(job, encoding="utf-8")
