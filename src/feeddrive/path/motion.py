@@ -16,7 +16,7 @@ import numpy as np
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records, rows_for
 
-LINE, ARC, POLYNOMIAL = 0, 1, 2
+LINE, ARC, POLYNOMIAL, PACED = 0, 1, 2, 3
 
 # π/2 as a sum of two numbers, the first of them so short that small multiples of it are exact
 _HALF_PI_HIGH = float.fromhex("0x1.921fb54400000p+0")
@@ -27,13 +27,15 @@ class Pieces(NamedTuple):
     """The n pieces of a path of N axes; in each piece 0 <= x <= length, and ξ = x / length.
 
         line, polynomial   r_i = origin_i + Σ_{k=1..7} shape_ik ξᵏ; a line has only k = 1
+        paced              a polynomial whose feed bounds u' and not |r'| u': the joints, while the tool's tip follows
+                           the program
         arc, helix         r_i = origin_i + E1_i (cos θ - 1) + E2_i sin θ + slope_i x,   θ = κ x
 
-    kind    LINE, ARC or POLYNOMIAL, shape (n,)
+    kind    LINE, ARC, POLYNOMIAL or PACED, shape (n,)
     length  m, shape (n,)
     origin  r(0), m, shape (n, N)
     shape   (n, N, 8), m; for an arc columns 0 to 3 are E1, E2, slope and κ in 1/m (same for each axis)
-    feed    the largest path speed |r'| u', m/s, shape (n,)
+    feed    the largest path speed |r'| u' (u' if paced), m/s, shape (n,)
     line    line number in the part program, shape (n,)
     """
 

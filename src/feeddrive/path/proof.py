@@ -132,7 +132,7 @@ def cubic_range(a: float, b: float, c: float, d: float, t0: float, t1: float) ->
 
 @kernel
 def slopes(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats3) -> float:
-    """Return a bound on |r'| over [x0, x1]; write intervals of r' .. r'''' by Taylor forms about the midpoint into
+    """Return a bound on |r'| over [x0, x1], or 1 for a paced piece; write intervals of r' .. r'''' by Taylor forms about the midpoint into
     out[i, k-1].
     """
     middle = 0.5 * (x0 + x1)
@@ -241,6 +241,8 @@ def slopes(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: 
         norm = norm + c1 * c1
         tilt = tilt + 4.0 * c1 * c2
         bend = bend + q * q + p * max(-out[i, 2, 0], out[i, 2, 1])
+    if kind == 3:
+        return 1.0
     norm = (norm + abs(tilt) * rho) / (length * length)
     return sqrt(norm + bend * radius * radius)
 

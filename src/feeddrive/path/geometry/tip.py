@@ -1,0 +1,276 @@
+"""Paths of the tool's tip mapped to the joints of a machine: polynomials that follow the inverse kinematics.
+
+A path of the tip has in each piece polynomials, or an arc, for the tip p in the frame of the workpiece, the angles α of
+the rotary axes, and all other axes.  The joints of the linear axes are q = linear(p, α) (`path/kinematics.py`).  On each
+piece q is replaced by the polynomial of seventh degree that equals it up to the third derivative at both ends:
+
+    q, q', q'', q''' at the ends       from Taylor series of p and α, so that q is C3 where p and α are
+    q(end) - q(start)                  from the displacements of p and α, without subtracting positions
+
+A piece is halved until the polynomial is near enough.  Angles and other axes are exact.
+
+The feed F bounds the speed of the tip |p'| u'.  The joint pieces are paced: u' is at most F/max |p'|, where |p'|² is a
+polynomial of twelfth degree, which the largest of its Bernstein coefficients bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import comb
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from feeddrive.language.series import Change, Taylor
+from feeddrive.path.geometry.segments import State, hermite, part_of
+from feeddrive.path.motion import ARC, LINE, PACED, Pieces
+
+# far below what a drive resolves, and above the rounding of positions of some m
+NEAR = 1e-9
+"""The largest distance of a joint's polynomial from the inverse kinematics at the points where it is compared, m."""
+_TURN = 0.4  # rad, largest change of the angles on a piece, for which few points show how near a polynomial is
+_COMPARED = (0.25, 0.5, 0.75)  # of a piece: the distance is largest near its middle
+_HALVINGS = 40
+_ROUNDED = 1.0 + 1e-12  # relative, of |p'|
+_DEGREE = 12  # of |p'|²
+
+
+class Inverse(Protocol):
+    """The kinematics of a machine, as far as a path needs it."""
+
+    def linear(self, tip: Sequence[Any], rotary: Sequence[Any]) -> Sequence[Any]:
+        """Return the positions of the linear axes."""
+        ...
+
+
+class ToolPoint(NamedTuple):
+    """The kinematics of a machine with a tool, and the columns of its axes.
+
+    linear, rotary  columns of the linear and of the rotary axes, in the order of the kinematics
+    """
+
+    kinematics: Any
+    linear: tuple[int, ...]
+    rotary: tuple[int, ...]
+
+
+class Mapped(NamedTuple):
+    """The pieces of the tip's path (angles in rad), and the joint pieces, one for each of them."""
+
+    tip: Pieces
+    joints: Pieces
+
+
+def mapped(pieces: Pieces, tool: ToolPoint, counted: Sequence[int] | None = None, near: float = NEAR) -> Mapped:
+    """Map the pieces of a path of the tip to the joints.
+
+    pieces   tip in the frame of the workpiece (m) in the columns of the linear axes, angles (rad), other axes
+    counted  columns whose speed the feed bounds; None: those of the tip
+    near     largest distance from the inverse kinematics at the points where it is compared, m
+    """
+    at = np.arange(len(pieces.length))
+    tip, place = _halved(pieces, np.zeros(len(at)), at, _turns(pieces, tool) > _TURN)
+    waiting, done = (tip, *place), list[tuple[Pieces, Pieces, np.ndarray, np.ndarray]]()
+    for _ in range(_HALVINGS):
+        tip, begin, of = waiting
+        turned = _turns(tip, tool) > _TURN
+        if not turned.any():
+            joints, apart = _joints(tip, tool)
+            far = apart > near
+            kept = ~far
+            done.append((_rows(tip, kept), _rows(joints, kept), begin[kept], of[kept]))
+            if not far.any():
+                break
+            tip, begin, of = _rows(tip, far), begin[far], of[far]
+            turned = np.ones(len(of), bool)
+        tip, place = _halved(tip, begin, of, turned)
+        waiting = tip, *place
+    tips, joints, begins, indices = zip(*done, strict=True)
+    if len(done) == 1:
+        tip, joint = tips[0], joints[0]
+    else:
+        order = np.lexsort((np.concatenate(begins), np.concatenate(indices)))
+        tip, joint = (
+            Pieces._make([np.concatenate(columns)[order] for columns in zip(*parts, strict=True)])
+            for parts in (tips, joints)
+        )
+    columns = list(tool.linear if counted is None else counted)
+    with np.errstate(divide="ignore"):
+        return Mapped(tip, joint._replace(feed=tip.feed / fastest(tip, columns)))
+
+
+def _rows(pieces: Pieces, which: np.ndarray) -> Pieces:
+    return Pieces._make([column[which] for column in pieces])
+
+
+def _turns(pieces: Pieces, tool: ToolPoint) -> np.ndarray:
+    """Bound the change of the angles on each piece, rad."""
+    shape = pieces.shape[:, list(tool.rotary)]
+    ways = np.where((pieces.kind == ARC)[:, None], shape[:, :, 2] * pieces.length[:, None], np.abs(shape).sum(axis=2))
+    return np.abs(ways).sum(axis=1)
+
+
+def _halved(
+    pieces: Pieces, begin: np.ndarray, of: np.ndarray, which: np.ndarray
+) -> tuple[Pieces, tuple[np.ndarray, np.ndarray]]:
+    """Return the pieces with some of them halved; each begins at `begin`, m, in the piece `of` of the whole path."""
+    if not which.any():
+        return pieces, (begin, of)
+    n = len(begin)
+    order = np.repeat(np.arange(n), np.where(which, 2, 1))
+    second = np.concatenate([[False], order[1:] == order[:-1]])
+    length = np.where(which, 0.5, 1.0)[order] * pieces.length[order]
+    start = np.where(second, 0.5, 0.0)
+    values, shape = parts(_rows(pieces, order), start, np.where(which, 0.5, 1.0)[order])
+    out = _rows(pieces, order)._replace(length=length, origin=values, shape=shape)
+    return out, (begin[order] + np.where(second, length, 0.0), of[order])
+
+
+def parts(pieces: Pieces, start: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return origin and shape of the part of each piece that begins at the share `start` and has the share `size`."""
+    n, axes, _ = pieces.shape.shape
+    whole = size == 1.0
+    c = [np.ascontiguousarray(pieces.shape[:, :, k]) for k in range(8)]
+    out: list[Any] = [None] * 8
+    part_of.python(c, start[:, None], size[:, None], out)
+    shape = np.stack(out, axis=2)
+    first = shape[:, :, 0].copy()
+    shape[:, :, 0] = 0.0
+    arc = pieces.kind == ARC
+    if arc.any():
+        e1, e2, slope, kappa = (pieces.shape[arc, :, k] for k in range(4))
+        x = (start[arc] * pieces.length[arc])[:, None]
+        s, v = np.sin(kappa * x), 2.0 * np.sin(0.5 * kappa * x) ** 2
+        c = 1.0 - v
+        first[arc] = e2 * s - e1 * v + slope * x
+        turned = np.zeros((int(arc.sum()), axes, 8))
+        turned[:, :, 0], turned[:, :, 1], turned[:, :, 2], turned[:, :, 3] = (
+            e1 * c + e2 * s,
+            e2 * c - e1 * s,
+            slope,
+            kappa,
+        )
+        shape[arc] = turned
+    shape[whole] = pieces.shape[whole]
+    first[whole] = 0.0
+    return pieces.origin + first, shape
+
+
+def ways(pieces: Pieces, share: float) -> np.ndarray:
+    """Return the displacement of each axis from the start of each piece to a share of its length, shape (n, N)."""
+    out = np.zeros(pieces.origin.shape)
+    for k in range(7, 0, -1):
+        out = (out + pieces.shape[:, :, k]) * share
+    arc = pieces.kind == ARC
+    if arc.any():
+        e1, e2, slope, kappa = (pieces.shape[arc, :, k] for k in range(4))
+        x = (share * pieces.length[arc])[:, None]
+        out[arc] = e2 * np.sin(kappa * x) - e1 * 2.0 * np.sin(0.5 * kappa * x) ** 2 + slope * x
+    return out
+
+
+def series(pieces: Pieces, share: float, order: int = 3) -> list[np.ndarray]:
+    """Return the Taylor coefficients of each axis in ξ = x/length from first to last order, at the start (0) or the end
+    (1) of each piece, each of shape (n, N).
+    """
+    shape = pieces.shape
+    if share == 0.0:
+        terms = [shape[:, :, k].copy() for k in range(1, order + 1)]
+    else:
+        terms = [sum(comb(j, k) * shape[:, :, j] for j in range(k, 8)) for k in range(1, order + 1)]
+    arc = pieces.kind == ARC
+    if arc.any():
+        e1, e2, slope, kappa = (shape[arc, :, k] for k in range(4))
+        length = pieces.length[arc][:, None]
+        turn = kappa * length
+        s, c = np.sin(turn * share), np.cos(turn * share)
+        cosine, sine = e2 * c - e1 * s, e1 * c + e2 * s
+        scale = np.ones_like(turn)
+        for k in range(1, order + 1):
+            scale = scale * turn / k
+            value = (cosine, -sine, -cosine, sine)[(k - 1) % 4]
+            terms[k - 1][arc] = scale * value + (slope * length if k == 1 else 0.0)
+    return terms
+
+
+def _joints(tip: Pieces, tool: ToolPoint) -> tuple[Pieces, np.ndarray]:
+    """Return the joint pieces, and their distance from the inverse kinematics where it is compared, m."""
+    linear, rotary = list(tool.linear), list(tool.rotary)
+    n = len(tip.length)
+    whole = ways(tip, 1.0)
+    ends = [series(tip, 0.0), series(tip, 1.0)]
+    # both ends at once: half as many operations on twice the numbers
+    values = np.concatenate([tip.origin, tip.origin + whole])
+    terms = [np.concatenate(both) for both in zip(*ends, strict=True)]
+    at = [Taylor(values[:, k], *(term[:, k] for term in terms)) for k in range(values.shape[1])]
+    q = [axis.terms for axis in tool.kinematics.linear([at[k] for k in linear], [at[k] for k in rotary])]
+    shares = [np.concatenate([ways(tip, share) for share in _COMPARED]), whole]
+    moved = np.concatenate(shares)
+    starts = np.tile(tip.origin, (len(_COMPARED) + 1, 1))
+    change = [Change(starts[:, k], moved[:, k]) for k in range(values.shape[1])]
+    follow = tool.kinematics.linear([change[k] for k in linear], [change[k] for k in rotary])
+    travel = [_change(axis, len(moved)) for axis in follow]
+    left = [State(0.0, row[1][:n], 2.0 * row[2][:n], 6.0 * row[3][:n]) for row in q]
+    right = [
+        State(way[-n:], row[1][n:], 2.0 * row[2][n:], 6.0 * row[3][n:]) for row, way in zip(q, travel, strict=True)
+    ]
+    out: list[Any] = [None] * len(q)
+    hermite.python(left, right, 1.0, out)
+    shape, origin = tip.shape.copy(), tip.origin.copy()
+    arc = tip.kind == ARC
+    if arc.any():
+        straight = np.zeros((int(arc.sum()), shape.shape[1], 8))
+        straight[:, :, 1] = tip.shape[arc, :, 2] * tip.length[arc, None]
+        shape[arc] = straight
+    apart = np.zeros(n)
+    for column, row, coefficients, way in zip(linear, q, out, travel, strict=True):
+        origin[:, column] = row[0][:n]
+        shape[:, column, 0] = 0.0
+        for k in range(1, 8):
+            shape[:, column, k] = coefficients[k]
+        for place, share in enumerate(_COMPARED):
+            value = np.zeros(n)
+            for k in range(7, 0, -1):
+                value = (value + shape[:, column, k]) * share
+            apart = np.maximum(apart, np.abs(value - way[place * n : (place + 1) * n]))
+    # a line on which nothing but the tip moves is a line of the joints
+    others = np.delete(np.arange(shape.shape[1]), linear)
+    still = (tip.kind == LINE) & ~np.any(tip.shape[:, others, 1], axis=1)
+    shape[still, :, 2:] = 0.0
+    return Pieces(np.where(still, LINE, PACED), tip.length, origin, shape, tip.feed, tip.line), apart
+
+
+def _change(axis: Any, n: int) -> np.ndarray:
+    """Return the change of a joint; 0 if nothing that changes enters into it."""
+    return np.broadcast_to(np.asarray(axis.change if isinstance(axis, Change) else 0.0), n)
+
+
+# Bernstein coefficients of a polynomial of degree 12 from its power coefficients
+_BERNSTEIN = np.array(
+    [[comb(k, j) / comb(_DEGREE, j) if j <= k else 0.0 for j in range(_DEGREE + 1)] for k in range(_DEGREE + 1)]
+)
+
+
+def _square(shape: np.ndarray) -> np.ndarray:
+    """Return the Bernstein coefficients of |dr/dξ|² of polynomials, shape (n, 13), from their coefficients (n, N, 8)."""
+    slope = shape[:, :, 1:] * np.arange(1.0, 8.0)
+    square = np.zeros((len(shape), _DEGREE + 1))
+    for i in range(7):
+        for j in range(i, 7):
+            square[:, i + j] += (1.0 if i == j else 2.0) * np.einsum("na,na->n", slope[:, :, i], slope[:, :, j])
+    return square @ _BERNSTEIN.T
+
+
+def fastest(tip: Pieces, counted: Sequence[int]) -> np.ndarray:
+    """Return a bound of |p'| on each piece, with p of the counted columns."""
+    most = np.max(_square(tip.shape[:, list(counted)]), axis=1)
+    arc = tip.kind == ARC
+    if arc.any():
+        e1, e2, slope, kappa = (tip.shape[arc][:, list(counted), k] for k in range(4))
+        e1, e2 = kappa * e1, kappa * e2
+        one, two, skew = (np.einsum("na,na->n", a, b) for a, b in ((e1, e1), (e2, e2), (e1, e2)))
+        # the larger eigenvalue of the Gram matrix bounds |e2 cos θ - e1 sin θ|² at any θ
+        ring = 0.5 * (one + two + np.hypot(one - two, 2.0 * skew))
+        along = np.hypot(*(np.einsum("na,na->n", e, slope) for e in (e1, e2)))
+        most[arc] = (ring + 2.0 * along + np.einsum("na,na->n", slope, slope)) * tip.length[arc] ** 2
+    return np.sqrt(most) / tip.length * _ROUNDED
