@@ -12,6 +12,7 @@ make_lazy(
         ),
         "program.reading": "read_commands read_program",
         "program.state": "Tool read_tools",
+        "kinematics": "Branches Kinematics RotaryJoint UnreachableError",
         "limits": "AxisLimits MachineLimits",
         "planned": "Planned planned_of",
         "setpoints": "Setpoints",

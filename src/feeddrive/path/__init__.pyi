@@ -2,6 +2,10 @@
 
 # written by `make stubs`
 
+from feeddrive.path.kinematics import Branches as Branches
+from feeddrive.path.kinematics import Kinematics as Kinematics
+from feeddrive.path.kinematics import RotaryJoint as RotaryJoint
+from feeddrive.path.kinematics import UnreachableError as UnreachableError
 from feeddrive.path.limits import AxisLimits as AxisLimits
 from feeddrive.path.limits import MachineLimits as MachineLimits
 from feeddrive.path.planned import Planned as Planned
