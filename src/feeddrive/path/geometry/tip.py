@@ -17,11 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import comb
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from feeddrive.language.series import Change, Taylor
+from feeddrive.language.series import Taylor
+from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.geometry.segments import State, hermite, part_of
 from feeddrive.path.motion import ARC, LINE, PACED, Pieces
 
@@ -35,21 +36,13 @@ _ROUNDED = 1.0 + 1e-12  # relative, of |p'|
 _DEGREE = 12  # of |p'|²
 
 
-class Inverse(Protocol):
-    """The kinematics of a machine, as far as a path needs it."""
-
-    def linear(self, tip: Sequence[Any], rotary: Sequence[Any]) -> Sequence[Any]:
-        """Return the positions of the linear axes."""
-        ...
-
-
 class ToolPoint(NamedTuple):
     """The kinematics of a machine with a tool, and the columns of its axes.
 
     linear, rotary  columns of the linear and of the rotary axes, in the order of the kinematics
     """
 
-    kinematics: Any
+    kinematics: Kinematics
     linear: tuple[int, ...]
     rotary: tuple[int, ...]
 
@@ -207,9 +200,10 @@ def _joints(tip: Pieces, tool: ToolPoint) -> tuple[Pieces, np.ndarray]:
     shares = [np.concatenate([ways(tip, share) for share in _COMPARED]), whole]
     moved = np.concatenate(shares)
     starts = np.tile(tip.origin, (len(_COMPARED) + 1, 1))
-    change = [Change(starts[:, k], moved[:, k]) for k in range(values.shape[1])]
-    follow = tool.kinematics.linear([change[k] for k in linear], [change[k] for k in rotary])
-    travel = [_change(axis, len(moved)) for axis in follow]
+    follow = tool.kinematics.linear_change(
+        *([table[:, k] for k in columns] for columns in (linear, rotary) for table in (starts, moved))
+    )
+    travel = [np.broadcast_to(np.asarray(way), len(moved)) for way in follow]
     left = [State(0.0, row[1][:n], 2.0 * row[2][:n], 6.0 * row[3][:n]) for row in q]
     right = [
         State(way[-n:], row[1][n:], 2.0 * row[2][n:], 6.0 * row[3][n:]) for row, way in zip(q, travel, strict=True)
@@ -238,11 +232,6 @@ def _joints(tip: Pieces, tool: ToolPoint) -> tuple[Pieces, np.ndarray]:
     still = (tip.kind == LINE) & ~np.any(tip.shape[:, others, 1], axis=1)
     shape[still, :, 2:] = 0.0
     return Pieces(np.where(still, LINE, PACED), tip.length, origin, shape, tip.feed, tip.line), apart
-
-
-def _change(axis: Any, n: int) -> np.ndarray:
-    """Return the change of a joint; 0 if nothing that changes enters into it."""
-    return np.broadcast_to(np.asarray(axis.change if isinstance(axis, Change) else 0.0), n)
 
 
 # Bernstein coefficients of a polynomial of degree 12 from its power coefficients
