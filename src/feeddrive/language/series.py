@@ -66,7 +66,7 @@ class Taylor(Composite):
     __rmul__ = __mul__
 
     def waves(self) -> tuple[Taylor, Taylor]:
-        """Return the sine and cosine, from s' = a' c, c' = -a' s: k sₖ = Σ i aᵢ cₖ₋ᵢ, k cₖ = -Σ i aᵢ sₖ₋ᵢ, i = 1 .. k."""
+        """Return sine and cosine, from s' = a' c, c' = -a' s: k sₖ = Σ i aᵢ cₖ₋ᵢ, k cₖ = -Σ i aᵢ sₖ₋ᵢ, i = 1 .. k."""
         a = self.terms
         s, c = [ops.sin(a[0])], [ops.cos(a[0])]
         for k in range(1, len(a)):

@@ -38,6 +38,8 @@ from feeddrive.language.series import Change
 from feeddrive.language.text import Text
 
 Vector: TypeAlias = tuple[float, float, float]
+Numbers: TypeAlias = Sequence[Any] | np.ndarray
+"""Numbers of any kind that the arithmetic takes: floats, arrays, symbols, series."""
 
 LINEAR = "XYZ"
 """The letters of the linear joints."""
@@ -232,7 +234,7 @@ class Kinematics:
 
         return replace(self, table=limited(self.table), head=limited(self.head))
 
-    def linear(self, tip: Sequence[Any], rotary: Sequence[Any]) -> Row:
+    def linear(self, tip: Numbers, rotary: Numbers) -> Row:
         """Return the linear joints X, Y, Z (m) that put the tip of the tool at a point of the workpiece.
 
         tip     x, y, z in the workpiece frame, m
@@ -244,7 +246,7 @@ class Kinematics:
             point = _about(joint, _turn(joint, at[joint.letter], -joint.sign), point)
         return _minus(point, self._tip_from_slide(at))
 
-    def tip(self, linear: Sequence[Any], rotary: Sequence[Any]) -> Row:
+    def tip(self, linear: Numbers, rotary: Numbers) -> Row:
         """Return the tip of the tool x, y, z in the workpiece frame (m): the inverse of `linear`."""
         at = self._by_letter(rotary)
         point = _plus(linear, self._tip_from_slide(at))
@@ -252,7 +254,7 @@ class Kinematics:
             point = _about(joint, _turn(joint, at[joint.letter], joint.sign), point)
         return _minus(point, self.workpiece)
 
-    def tool_axis(self, rotary: Sequence[Any]) -> Row:
+    def tool_axis(self, rotary: Numbers) -> Row:
         """Return the unit vector from the tip along the tool to the spindle, in the workpiece frame."""
         at = self._by_letter(rotary)
         direction: Row = (0.0, 0.0, 1.0)
@@ -262,9 +264,7 @@ class Kinematics:
             direction = _turned(_turn(joint, at[joint.letter], joint.sign), direction)
         return direction
 
-    def linear_change(
-        self, tip: Sequence[Any], tip_change: Sequence[Any], rotary: Sequence[Any], rotary_change: Sequence[Any]
-    ) -> Row:
+    def linear_change(self, tip: Numbers, tip_change: Numbers, rotary: Numbers, rotary_change: Numbers) -> Row:
         """Return `linear` at tip + tip_change and rotary + rotary_change less `linear` at tip and rotary (m).
 
         Nothing of the size of the positions is subtracted: a small change keeps its relative accuracy.
@@ -286,7 +286,7 @@ class Kinematics:
         the tilted tool axis into `axis`.  Angles are in (-π, π], without regard to travel.
         Raises UnreachableError for a tilt that no angle gives, and ParameterError for a vector that is no unit vector.
         """
-        t = _unit_vectors(axis)
+        t = unit_vectors(axis)
         first, second = self._from_workpiece()
         u, v, z = (np.array(x) for x in (first.direction, second.direction, (0.0, 0.0, 1.0)))
         kappa, lamda = _angle(u, v), _angle(v, z)
@@ -312,6 +312,32 @@ class Kinematics:
             angles[branch, order.index(second.letter)] = _wrapped(second.sign * beta)
         return Branches(angles, at_pole, order.index(first.letter))
 
+    def axis_terms(self) -> np.ndarray:
+        """Return the vectors mᵢⱼ of the tool axis Σᵢⱼ mᵢⱼ bᵢ(θ₁) bⱼ(θ₂), b = (1, cos, sin); shape (9, 3), row 3 i + j.
+
+        θ₁, θ₂ are the rotary joints in the order of their letters.
+        """
+        first, second = self._from_workpiece()
+        z = np.array((0.0, 0.0, 1.0))
+        terms = np.array([[part @ inner for inner in _parts(second, z)] for part in _parts(first, np.eye(3))])
+        # from the order of the chain to that of the letters
+        ordered = terms if first is self.joints[0] else terms.swapaxes(0, 1)
+        return np.ascontiguousarray(ordered.reshape(9, 3))
+
+    def nearest_tilt(self, axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        """Return the positions of the joint next to the tool that come nearest to tool axes, rad, shape (n,).
+
+        axis   unit vectors, shape (3, n);  angle  positions of the joint next to the workpiece, rad, shape (n,)
+
+        With t the tool axis turned back about the first joint, cos β (z - (u₂·z) u₂)·t + sin β (u₂ x z)·t is largest.
+        """
+        first, second = self._from_workpiece()
+        v, z = np.array(second.direction), np.array((0.0, 0.0, 1.0))
+        point: Row = tuple(axis)
+        back = np.array(_turned(_turn(first, angle, -first.sign), point))
+        beta = np.arctan2(np.cross(v, z) @ back, (z - (v @ z) * v) @ back)
+        return _wrapped(second.sign * beta)
+
     def _from_workpiece(self) -> tuple[RotaryJoint, RotaryJoint]:
         """Return the joint next to the workpiece and the one next to the tool."""
         first, second = (*reversed(self.table), *self.head)
@@ -329,7 +355,7 @@ class Kinematics:
             block,
         )
 
-    def _by_letter(self, rotary: Sequence[Any]) -> dict[str, Any]:
+    def _by_letter(self, rotary: Numbers) -> dict[str, Any]:
         return dict(zip(self.rotary_letters, rotary, strict=True))
 
     def _tip_from_slide(self, at: dict[str, Any]) -> Row:
@@ -381,6 +407,14 @@ def _turn(joint: RotaryJoint, angle: Any, sign: float) -> Matrix:
     return tuple(tuple(entry(i, j) for j in range(3)) for i in range(3))
 
 
+def _parts(joint: RotaryJoint, v: np.ndarray) -> list[np.ndarray]:
+    """Return the parts of a vector, or of each column of a matrix, turned about a joint: fixed, of cos and of sin."""
+    u = np.array(joint.direction)
+    fixed = np.outer(u, u)
+    cross = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
+    return [fixed @ v, (np.eye(3) - fixed) @ v, joint.sign * cross @ v]
+
+
 def _turned(turn: Matrix, v: Row) -> Row:
     return tuple(matrix.dot(row, v) for row in turn)
 
@@ -390,20 +424,20 @@ def _about(joint: RotaryJoint, turn: Matrix, point: Row) -> Row:
     return _plus(_turned(turn, _minus(point, joint.point)), joint.point)
 
 
-def _plus(a: Sequence[Any], b: Sequence[Any]) -> Row:
+def _plus(a: Numbers, b: Numbers) -> Row:
     """Return a + b; a literal zero costs no operation."""
     return tuple(y if matrix.is_zero(x) else x if matrix.is_zero(y) else x + y for x, y in zip(a, b, strict=True))
 
 
-def _minus(a: Sequence[Any], b: Sequence[Any]) -> Row:
+def _minus(a: Numbers, b: Numbers) -> Row:
     return tuple(-y if matrix.is_zero(x) else x if matrix.is_zero(y) else x - y for x, y in zip(a, b, strict=True))
 
 
-def _changes(start: Sequence[Any], change: Sequence[Any]) -> tuple[Change, ...]:
+def _changes(start: Numbers, change: Numbers) -> tuple[Change, ...]:
     return tuple(Change(a, b) for a, b in zip(start, change, strict=True))
 
 
-def _unit_vectors(axis: np.ndarray) -> np.ndarray:
+def unit_vectors(axis: np.ndarray) -> np.ndarray:
     """Return tool axes as unit vectors, shape (3, n). Raise ParameterError for another shape or length."""
     t = np.asarray(axis, float)
     t = t.reshape(3, -1) if t.ndim == 1 else t
