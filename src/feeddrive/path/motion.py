@@ -15,6 +15,7 @@ import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records, rows_for
+from feeddrive.path.kinematics import LINEAR, Kinematics
 
 LINE, ARC, POLYNOMIAL, PACED = 0, 1, 2, 3
 
@@ -81,6 +82,23 @@ class Limits(NamedTuple):
     acceleration: float
     jerk: float
     snap: float
+
+
+class TipColumns(NamedTuple):
+    """The kinematics with the tool whose tip a path moves, and the columns of its axes among those of the machine.
+
+    linear, rotary  columns of the linear and of the rotary axes, in the order of the kinematics
+    """
+
+    kinematics: Kinematics
+    linear: tuple[int, ...]
+    rotary: tuple[int, ...]
+
+    @staticmethod
+    def of(kinematics: Kinematics, axes: str) -> TipColumns:
+        """Return the columns for the letters of a machine's axes."""
+        linear, rotary = (tuple(axes.index(x) for x in letters) for letters in (LINEAR, kinematics.rotary_letters))
+        return TipColumns(kinematics, linear, rotary)
 
 
 class Section(NamedTuple):
@@ -281,6 +299,7 @@ class Part(NamedTuple):
              within it
     weights  the length that counts for one m or rad of each axis in path speeds (`Pieces.feed`) and distances, m, shape
              (N,); None: 1
+    tip      the tool whose tip follows the program; None: the axes do
     """
 
     pieces: Pieces
@@ -289,6 +308,7 @@ class Part(NamedTuple):
     entering: Entering | None = None
     mode: str = ""
     weights: np.ndarray | None = None
+    tip: TipColumns | None = None
 
 
 class Pause(NamedTuple):

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Records, Records2
 from feeddrive.language.quantity import number
+from feeddrive.language.series import Taylor
 from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
 from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.geometry.weights import ANGLE_TOLERANCE
@@ -28,6 +29,7 @@ from feeddrive.path.motion import (
     Pause,
     Pieces,
     Section,
+    TipColumns,
     chain,
     counted,
     cubic,
@@ -35,11 +37,12 @@ from feeddrive.path.motion import (
     part_of_pieces,
     way,
 )
-from feeddrive.path.program.moves import Arc, Move, Spline, Straight
+from feeddrive.path.program.moves import Arc, Move, Spline, Straight, ToolPoint
 from feeddrive.path.proof import Prover
 from feeddrive.path.schedule.corner import Crossings
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Override, Schedule
+from feeddrive.path.tip_proof import LEFT, TipProver
 
 # planning twice takes twice the time, so longer chains are joined by geometry alone
 SHORT = 100  # largest number of segments of a chain that is planned in two ways
@@ -51,6 +54,7 @@ def planned(
     limits: np.ndarray,
     override: Override | None = None,
     angle_tolerance: ArrayLike = ANGLE_TOLERANCE,
+    tip: TipProver | None = None,
 ) -> Iterator[Part | Pause]:
     """Yield the runs of a program, each from rest to rest in one or more parts, and the pauses between them.
 
@@ -62,10 +66,13 @@ def planned(
     override         feed override; with it motions are not lifted, so that the planned motion is final only a short
                      time ahead
     angle_tolerance  tolerance of the rotary axes, as in `chains`, rad
+    tip              the prover of paths of the tip, which also has the travel of the joints
 
     Raises ProgramError as `chains` does.  The parts are planned but not proven: pass them to a `Prover`.
     """
     weights: np.ndarray | None = None
+    of_tip: TipColumns | None = None
+    tip = tip or TipProver()
     weighted = limits  # in the coordinates of the path, in which angles are lengths
     joiner, schedule, crossings = Joiner(), Schedule(limits, override=override), Crossings(limits)
     lifter = Lifter(limits) if override is None else None
@@ -80,7 +87,7 @@ def planned(
             # an overlap is contained in both runs, so that its time was counted twice
             if part.entering is not None:
                 schedule.time -= float(part.motion.duration.sum())
-            part = _in_radians(part, weights)
+            part = _in_radians(part, weights) if of_tip is None else part._replace(tip=of_tip)
             yield part._replace(mode=modes.popleft()) if part.ends else part
 
     for segments in chains(moves, axes, angle_tolerance):
@@ -88,21 +95,32 @@ def planned(
             schedule.time += segments.duration
             yield segments
             continue
-        if segments.weights is not None and not np.array_equal(segments.weights, weights):
+        if segments.tip is not of_tip or (
+            segments.tip is None and segments.weights is not None and not np.array_equal(segments.weights, weights)
+        ):
             # at a stop, where all earlier parts have been yielded
-            weights, time = segments.weights, schedule.time
-            weighted = limits * weights[:, None]
+            of_tip, weights, time = segments.tip, segments.weights, schedule.time
+            # the joints of a tip are planned in m and rad
+            weighted = limits if weights is None or of_tip else limits * weights[:, None]
+            # overlapping runs are measured along axes: corners of a tip are rounded, or it stops
+            joiner = Joiner() if of_tip is None else Joiner(lonely=np.inf)
             schedule, crossings = Schedule(weighted, override=override), Crossings(weighted)
             schedule.time = time
             lifter = Lifter(weighted) if lifter else None
         # only a chain from rest to rest can be planned by itself, in either way
-        whole = _quicker(segments, weighted) if lifter and joiner.rests and segments.ends else None
+        if of_tip is not None:
+            segments = segments._replace(tolerance=np.where(segments.tolerance > LEFT, segments.tolerance - LEFT, 0.0))
+        alone = lifter and joiner.rests and segments.ends and of_tip is None
+        whole = _quicker(segments, weighted) if alone else None
         sections, joint = whole[:2] if whole else joiner.join(segments)
         joints.extend(segments.modes)
         for stop in joint.stop:
             mode = joints.popleft()
             if stop:
                 modes.append(mode)
+        if of_tip is not None:
+            tip.join(joint.deviation, segments)
+            sections = [tip.joints(section, segments, of_tip) for section in sections]
         yield from leaving(whole[2] if whole else _planned_along(sections, segments.ends, schedule, lifter, crossings))
 
 
@@ -265,6 +283,8 @@ PAUSES = {
     "Stop": "program stop (M0, M1, M60)",
     "Probe": "probe (G38)",
     "Wait": "wait for an input (M66)",
+    "ToolPoint": "begin or end of the tool point (G43.4, G43.5, G49)",
+    "Turn": "the tip stands while axes turn",
     "Tolerance": "change of the tolerance, by which angles are weighted (G64)",
     "ToolChange": "tool change",
     "Spindle": "spindle",
@@ -340,6 +360,7 @@ class Setpoints:
         self.time = 0.0
         self._array, self._moves, self._override = limits.array, moves, override
         self.prover = Prover(self._array)
+        self.tip = TipProver(tuple(limits.travel.values()))
         self._sampler = Sampler(sample_time)
         self._counts = np.zeros(4 * len(limits.axes) + 3, np.int64)
         self._position = np.zeros(len(limits.axes))
@@ -351,7 +372,7 @@ class Setpoints:
 
     def __iter__(self) -> Iterator[Samples]:
         angles = self.limits.angle_tolerances
-        for part in planned(self._counted(), self.limits.letters, self._array, self._override, angles):
+        for part in planned(self._counted(), self.limits.letters, self._array, self._override, angles, self.tip):
             if isinstance(part, Part):
                 yield from self._part(part)
             else:
@@ -371,6 +392,8 @@ class Setpoints:
         for move in self.limits.resolved(self._moves):
             self.line = move.source.number
             self.blocks += isinstance(move, Straight | Arc | Spline)
+            if isinstance(move, ToolPoint):
+                self.tip.source = move.source
             yield move
 
     def _part(self, part: Part) -> Iterator[Samples]:
@@ -384,11 +407,17 @@ class Setpoints:
             else:
                 self._stand(PAUSES.get(self._waits.why, self._waits.why), 0.0, self._waits.line)
         self._along = self._waits = None
-        self.proven = self.prover.prove(part) and self.proven
+        self.proven = self.prover.prove(part) and self.proven and self.tip.proven
         for values in self._sampler.slices(part):
             times = (self.samples + np.arange(len(values))) * self.sample_time - self.time
-            speed = np.linalg.norm(values[:, :, 1] if weights is None else values[:, :, 1] * weights, axis=1)
-            samples = Samples(self.samples, values, *_where(part, times), speed, self.proven)
+            line, feed, rate = _where(part, times)
+            if part.tip is not None:
+                speed = _tip_speed(values, part.tip)
+                # the feed of paced pieces bounds u', which is the speed of the tip where |p'| is 1
+                feed = np.where(rate > 0.0, feed * speed / np.where(rate > 0.0, rate, 1.0), feed)
+            else:
+                speed = np.linalg.norm(values[:, :, 1] if weights is None else values[:, :, 1] * weights, axis=1)
+            samples = Samples(self.samples, values, line, feed, speed, self.proven)
             self._attribute(samples)
             self.samples += len(values)
             yield samples
@@ -458,8 +487,14 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
     return reasons
 
 
-def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the program line and feed at given times, s, from the start of a part."""
+def _tip_speed(values: np.ndarray, tip: TipColumns) -> np.ndarray:
+    """Return the speed of the tip in the frame of the workpiece, m/s, from the samples of the joints."""
+    linear, rotary = ([Taylor(values[:, k, 0], values[:, k, 1]) for k in columns] for columns in tip[1:])
+    return np.sqrt(sum(axis.terms[1] ** 2 for axis in tip.kinematics.tip(linear, rotary)))
+
+
+def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the program line, the feed and u' at given times, s, from the start of a part."""
     pieces, motion = part.pieces, part.motion
     begins = np.cumsum(motion.duration) - motion.duration
     m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
@@ -469,7 +504,8 @@ def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     gone: Any = way.python  # plain arithmetic, which also accepts arrays
     u += gone(v, a, j, s, times - begins[m])
     p = np.clip(np.searchsorted(far, u), 0, len(far) - 1)
-    return pieces.line[p], pieces.feed[p]
+    speed: Any = cubic.python
+    return pieces.line[p], pieces.feed[p], speed(v, a, j, s, times - begins[m])
 
 
 def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:

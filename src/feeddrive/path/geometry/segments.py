@@ -36,6 +36,7 @@ from feeddrive.path.motion import (
     Pause,
     Piece,
     Pieces,
+    TipColumns,
     arc_axis,
     arc_shape,
     derivatives,
@@ -60,6 +61,7 @@ from feeddrive.path.program.moves import (
     Switch,
     Synchronized,
     ToolChange,
+    ToolPoint,
 )
 
 _PARTS = 4  # parts of each half of a blend, whose hulls are computed separately
@@ -356,6 +358,7 @@ _COUNTED = ((0, 1, 2), (6, 7, 8), (3, 4, 5))
 """The groups of axes to which a feed can refer; the first group with a moving axis is used."""
 # so that memory does not grow with the program
 AT_ONCE = 1000  # largest number of segments of a chain
+_STANDS = 1e-12  # m, or rad
 _CHORDS = 0.1  # of the tolerance: largest deviation of a spline's chords from it
 _CUTS = 16  # number of pieces of a spline that is followed exactly
 
@@ -371,6 +374,8 @@ class Chain(NamedTuple):
     modes      path mode (see `PathMode`) of the stricter move at each joint, if it requires a stop there; empty if the
                joint has a tolerance
     weights    the length by which one m or rad of each axis was multiplied, m, shape (N,); None: 1 (no rotary axis)
+    tip        the tool whose tip the segments move, and whose speed is their feed; None: they move the axes
+    turns      True if the tip stands, so that the feed is that of the angles, rad/s
     """
 
     segments: Pieces
@@ -378,6 +383,8 @@ class Chain(NamedTuple):
     ends: bool
     modes: Sequence[str] = ()
     weights: np.ndarray | None = None
+    tip: TipColumns | None = None
+    turns: bool = False
 
 
 class _Segment(NamedTuple):
@@ -400,7 +407,7 @@ class _Collected:
     def __init__(self) -> None:
         self.rows: list[_Segment] = []
 
-    def chain(self, ends: bool, weights: np.ndarray | None) -> Chain:
+    def chain(self, ends: bool, weights: np.ndarray | None, tip: TipColumns | None, turns: bool) -> Chain:
         """Return the collected segments as a chain; unless it `ends`, the last one is retained for the next chain."""
         # the joint after the last segment depends on the next one
         count = len(self.rows) - (0 if ends else 1)
@@ -418,7 +425,7 @@ class _Collected:
         joints = [modes[k + 1] if k < len(stricter) and stricter[k] else modes[k] for k in range(count)]
         tolerance[:-1] = np.minimum(tolerance[:-1], tolerance[1:])
         del self.rows[:count]
-        return Chain(pieces, tolerance[:count], ends, joints, weights)
+        return Chain(pieces, tolerance[:count], ends, joints, weights, tip, turns)
 
 
 class _Feeds:
@@ -427,6 +434,7 @@ class _Feeds:
     def __init__(self, axes: str) -> None:
         self._one = set(axes) <= set("XYZ")  # way of counting
         self.feed = Feed(Line("", 0, ""), 0.0, 0.0)
+        self.of_tip = False  # True if it is the speed of the tip
         self.turns = 0.0  # spindle speed, 1/s; 0 at standstill
 
     def speed(self, move: Going, length: float) -> float:
@@ -443,6 +451,8 @@ class _Feeds:
             feed *= self.turns
         if not feed > 0.0:
             raise _refused(move.source, "the feed is 0: write F in this block or before")
+        if self.of_tip:
+            return feed
         # the speed is planned along all axes: it is scaled so that the counted ones move at the feed
         return feed * length / _length(move, counted) if others or counted == _COUNTED[-1] else feed
 
@@ -463,6 +473,12 @@ def chains(moves: Iterable[Move], axes: str, angle_tolerance: ArrayLike = ANGLE_
     absent = [k for k, letter in enumerate(_LETTERS) if letter not in axes]
     collected, feeds, mode = _Collected(), _Feeds(axes), "continuous"
     stops = False  # True if the previous move requires a stop after it
+    tip: TipColumns | None = None
+    still = False  # True if the tip stands in the moves collected, while angles change at the feed
+
+    def collect(ends: bool) -> Chain:
+        return collected.chain(ends, weights.values, tip, still)
+
     for move in moves:
         if isinstance(move, Going):
             for column in absent:
@@ -472,9 +488,12 @@ def chains(moves: Iterable[Move], axes: str, angle_tolerance: ArrayLike = ANGLE_
                     raise located(move.source, BlockError(reason, letter))
             turns = any(move.start[column] != move.end[column] for column in turning)
             exact = stops or mode == "exact_stop"
-            if collected.rows and (exact or not weights.fit(turns)):
-                yield collected.chain(True, weights.values)
-                yield Pause(0.0, "ExactStop" if exact else "Tolerance", move.source.number)
+            stands = tip is not None and _only_turns(move)
+            if collected.rows and (exact or stands != still or not weights.fit(turns)):
+                yield collect(True)
+                why = "ExactStop" if exact else "Turn" if stands != still else "Tolerance"
+                yield Pause(0.0, why, move.source.number)
+            still = stands
             stops = mode == "exact_stop"
             if not collected.rows:
                 weights.begin()
@@ -482,7 +501,7 @@ def chains(moves: Iterable[Move], axes: str, angle_tolerance: ArrayLike = ANGLE_
             for segment in _segments(move, columns, weights.values, feeds, mode, tolerance):
                 collected.rows.append(segment)
                 if len(collected.rows) > AT_ONCE:
-                    yield collected.chain(False, weights.values)
+                    yield collect(False)
         elif isinstance(move, PathMode):
             # G61 and G64 without P allow no deviation: both stop at each corner, for different reasons
             tolerance = move.tolerance if move.mode == "continuous" else 0.0
@@ -490,6 +509,12 @@ def chains(moves: Iterable[Move], axes: str, angle_tolerance: ArrayLike = ANGLE_
             mode = "" if tolerance else move.mode
         elif isinstance(move, Feed):
             feeds.feed = move
+        elif isinstance(move, ToolPoint):
+            if collected.rows:
+                yield collect(True)
+            yield Pause(0.0, "ToolPoint", move.source.number)
+            tip = None if move.kinematics is None else TipColumns.of(move.kinematics, axes)
+            feeds.of_tip, still = tip is not None, False
         elif isinstance(move, Synchronized):
             reason = (
                 "a move that follows the spindle begins at an index of the real one, which is not known before: take "
@@ -500,12 +525,21 @@ def chains(moves: Iterable[Move], axes: str, angle_tolerance: ArrayLike = ANGLE_
             if isinstance(move, Spindle):
                 feeds.turns = abs(move.direction) * move.spindle_speed / 60.0
             if collected.rows:
-                yield collected.chain(True, weights.values)
+                yield collect(True)
             if not isinstance(move, End):
                 duration = move.duration if isinstance(move, Dwell) else 0.0
                 yield Pause(duration, type(move).__name__, move.source.number)
     if collected.rows:
-        yield collected.chain(True, weights.values)
+        yield collect(True)
+
+
+def _only_turns(move: Going) -> bool:
+    """Return True for a feed that turns axes and leaves all others where they are."""
+    if not isinstance(move, Straight) or move.traverse:
+        return False
+    # a change to the tip of the tool and back rounds positions
+    same = [abs(a - b) <= _STANDS for a, b in zip(move.start, move.end, strict=True)]
+    return all(same[axis] for axes in _COUNTED[:2] for axis in axes) and not all(same)
 
 
 def _segments(

@@ -22,29 +22,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from feeddrive.language.series import Taylor
-from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.geometry.segments import State, hermite, part_of
-from feeddrive.path.motion import ARC, LINE, PACED, Pieces
+from feeddrive.path.motion import ARC, LINE, PACED, Pieces, TipColumns
 
 # far below what a drive resolves, and above the rounding of positions of some m
 NEAR = 1e-9
 """The largest distance of a joint's polynomial from the inverse kinematics at the points where it is compared, m."""
-_TURN = 0.4  # rad, largest change of the angles on a piece, for which few points show how near a polynomial is
+_TURN = 0.3  # rad, largest change of the angles on a piece, for which few points show how near a polynomial is
+ROUNDING = 1e-9  # m by which a joint may pass the end of its travel, as the axes of a program may
 _COMPARED = (0.25, 0.5, 0.75)  # of a piece: the distance is largest near its middle
 _HALVINGS = 40
 _ROUNDED = 1.0 + 1e-12  # relative, of |p'|
 _DEGREE = 12  # of |p'|²
-
-
-class ToolPoint(NamedTuple):
-    """The kinematics of a machine with a tool, and the columns of its axes.
-
-    linear, rotary  columns of the linear and of the rotary axes, in the order of the kinematics
-    """
-
-    kinematics: Kinematics
-    linear: tuple[int, ...]
-    rotary: tuple[int, ...]
 
 
 class Mapped(NamedTuple):
@@ -54,7 +43,7 @@ class Mapped(NamedTuple):
     joints: Pieces
 
 
-def mapped(pieces: Pieces, tool: ToolPoint, counted: Sequence[int] | None = None, near: float = NEAR) -> Mapped:
+def mapped(pieces: Pieces, tool: TipColumns, counted: Sequence[int] | None = None, near: float = NEAR) -> Mapped:
     """Map the pieces of a path of the tip to the joints.
 
     pieces   tip in the frame of the workpiece (m) in the columns of the linear axes, angles (rad), other axes
@@ -89,14 +78,15 @@ def mapped(pieces: Pieces, tool: ToolPoint, counted: Sequence[int] | None = None
         )
     columns = list(tool.linear if counted is None else counted)
     with np.errstate(divide="ignore"):
-        return Mapped(tip, joint._replace(feed=tip.feed / fastest(tip, columns)))
+        paced = tip.feed / fastest(tip, columns)
+    return Mapped(tip, joint._replace(feed=np.where(joint.kind == LINE, tip.feed, paced)))
 
 
 def _rows(pieces: Pieces, which: np.ndarray) -> Pieces:
     return Pieces._make([column[which] for column in pieces])
 
 
-def _turns(pieces: Pieces, tool: ToolPoint) -> np.ndarray:
+def _turns(pieces: Pieces, tool: TipColumns) -> np.ndarray:
     """Bound the change of the angles on each piece, rad."""
     shape = pieces.shape[:, list(tool.rotary)]
     ways = np.where((pieces.kind == ARC)[:, None], shape[:, :, 2] * pieces.length[:, None], np.abs(shape).sum(axis=2))
@@ -186,7 +176,7 @@ def series(pieces: Pieces, share: float, order: int = 3) -> list[np.ndarray]:
     return terms
 
 
-def _joints(tip: Pieces, tool: ToolPoint) -> tuple[Pieces, np.ndarray]:
+def _joints(tip: Pieces, tool: TipColumns) -> tuple[Pieces, np.ndarray]:
     """Return the joint pieces, and their distance from the inverse kinematics where it is compared, m."""
     linear, rotary = list(tool.linear), list(tool.rotary)
     n = len(tip.length)
@@ -240,6 +230,9 @@ _BERNSTEIN = np.array(
 )
 
 
+_HULL = np.array([[comb(k, j) / comb(7, j) if j <= k else 0.0 for j in range(8)] for k in range(8)])
+
+
 def _square(shape: np.ndarray) -> np.ndarray:
     """Return the Bernstein coefficients of |dr/dξ|² of polynomials, shape (n, 13), from their coefficients (n, N, 8)."""
     slope = shape[:, :, 1:] * np.arange(1.0, 8.0)
@@ -263,3 +256,34 @@ def fastest(tip: Pieces, counted: Sequence[int]) -> np.ndarray:
         along = np.hypot(*(np.einsum("na,na->n", e, slope) for e in (e1, e2)))
         most[arc] = (ring + 2.0 * along + np.einsum("na,na->n", slope, slope)) * tip.length[arc] ** 2
     return np.sqrt(most) / tip.length * _ROUNDED
+
+
+class Beyond(NamedTuple):
+    """A linear joint beyond its travel: the piece, the column of the joint, and its position, m."""
+
+    piece: int
+    column: int
+    position: float
+
+
+_HULLS = 8  # parts of a piece whose Bernstein points bound its joints: within 0.1 % of the bend of the piece
+
+
+def beyond(joints: Pieces, travel: Sequence[tuple[float, float] | None], columns: Sequence[int]) -> Beyond | None:
+    """Return the first joint that may leave its travel (m) between the ends of a piece, or None."""
+    limited = [column for column in columns if travel[column] is not None]
+    if not limited:
+        return None
+    reach = np.abs(joints.shape).sum(axis=2)
+    low, high = joints.origin - reach, joints.origin + reach
+    ends = np.array([travel[column] for column in limited]) + np.array([-ROUNDING, ROUNDING])
+    near = np.any((low[:, limited] < ends[:, 0]) | (high[:, limited] > ends[:, 1]), axis=1)
+    for piece in np.flatnonzero(near).tolist():
+        one = _rows(joints, np.full(_HULLS, piece))
+        values, shape = parts(one, np.arange(_HULLS) / _HULLS, np.full(_HULLS, 1.0 / _HULLS))
+        points = values[:, :, None] + shape @ _HULL.T
+        for column, (least, most) in zip(limited, ends, strict=True):
+            for position in (float(points[:, column].min()), float(points[:, column].max())):
+                if not least <= position <= most:
+                    return Beyond(piece, column, position)
+    return None
