@@ -110,34 +110,70 @@ def _shortest(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the angles, shape (2, n), and branches of the shortest way through all branches and turns."""
     joints = kinematics.joints
-    candidates, allowed = _candidates(joints, angles)
-    unreached = np.flatnonzero(~np.any(allowed, axis=1))
-    if unreached.size:
-        raise _beyond_travel(joints, angles[:, :, unreached[0]], int(blocks[unreached[0]]))
-    endless = np.array([0.0 if _is_limited(joint) else 1.0 for joint in joints])
+    limited = [_is_limited(joint) for joint in joints]
+    # a travel of a turn or more hinders few programs: first without its ends, which leaves two states a block
+    wide = [joint.most - joint.least >= TURN for joint in joints]
+    for endless in ([not a or b for a, b in zip(limited, wide, strict=True)], [not a for a in limited]):
+        candidates, allowed = _candidates(joints, angles, endless)
+        unreached = np.flatnonzero(~np.any(allowed, axis=1))
+        if unreached.size:
+            raise _beyond_travel(joints, angles[:, :, unreached[0]], int(blocks[unreached[0]]))
+        chosen = _shortest_way(kinematics, t, candidates, allowed, endless, start, speeds)
+        rotary = candidates[np.arange(blocks.size), chosen].T.copy()
+        fits = True
+        for j, joint in enumerate(joints):
+            if endless[j]:
+                rotary[j] = unwound(rotary[j], start=None if start is None else start[j], letter=joint.letter)
+                if start is None:
+                    rotary[j] += _turns_into(rotary[j], joint)
+                fits = fits and joint.least <= np.min(rotary[j]) and np.max(rotary[j]) <= joint.most
+        if fits:
+            break
+    return rotary, chosen // (allowed.shape[1] // 2)
+
+
+def _turns_into(row: np.ndarray, joint: RotaryJoint) -> float:
+    """Return the whole turns, rad, by which a row of positions comes into the travel of a joint; 0 if none do."""
+    if joint.least <= np.min(row) and np.max(row) <= joint.most:
+        return 0.0
+    up = TURN * math.ceil((joint.least - float(np.min(row))) / TURN) if not math.isinf(joint.least) else 0.0
+    return up if float(np.max(row)) + up <= joint.most else 0.0
+
+
+def _shortest_way(
+    kinematics: Kinematics,
+    t: np.ndarray,
+    candidates: np.ndarray,
+    allowed: np.ndarray,
+    endless: Sequence[bool],
+    start: Sequence[float] | None,
+    speeds: Sequence[float],
+) -> np.ndarray:
+    """Return the state of each block on the shortest way through the candidates, shape (n,)."""
     count, states = allowed.shape
-    pace = np.array(speeds, float)
+    pace, turning = np.array(speeds, float), np.array(endless, float)
     first = np.zeros(states)
     if start is not None:
-        first = _cost(candidates[0] - np.array(start), endless, pace)
+        first = _cost(candidates[0] - np.array(start), turning, pace)
     cost = np.ascontiguousarray(np.where(allowed, 0.0, math.inf))
     middle, near = _middles(t)
     came, chosen = np.zeros(count * states, np.int64), np.zeros(count, np.int64)
-    rules = Rules(kinematics.axis_terms(), middle, near, endless, pace, TURN / float(np.min(pace)))
+    rules = Rules(kinematics.axis_terms(), middle, near, turning, pace, TURN / float(np.min(pace)))
     shortest_way(np.ascontiguousarray(candidates), cost, first, rules, came, chosen)
-    rotary = candidates[np.arange(count), chosen].T.copy()
-    for j, joint in enumerate(joints):
-        if not _is_limited(joint):
-            rotary[j] = unwound(rotary[j], start=None if start is None else start[j], letter=joint.letter)
-    return rotary, chosen // (states // 2)
+    return chosen
 
 
-def _candidates(joints: Sequence[RotaryJoint], angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return all positions of the joints within their travel, shape (n, states, 2), and which of them there are."""
+def _candidates(
+    joints: Sequence[RotaryJoint], angles: np.ndarray, endless: Sequence[bool]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return all positions of the joints within their travel, shape (n, states, 2), and which of them there are.
+
+    A joint that turns without end has one, whose whole turns follow later.
+    """
     by_joint: list[tuple[np.ndarray, np.ndarray]] = []
     for j, joint in enumerate(joints):
         theta = angles[:, j]
-        if not _is_limited(joint):
+        if endless[j]:
             by_joint.append((theta[None], np.ones_like(theta, bool)[None]))
             continue
         lowest = theta + TURN * np.ceil((joint.least - _END - theta) / TURN)
@@ -212,8 +248,10 @@ def shortest_way(positions: Floats3, cost: Floats2, first: Floats, rules: Rules,
                 total = cost[k - 1, r] + max(abs(x) / rules.speeds[0], abs(y) / rules.speeds[1])
                 # a small move of the joints is a small one of the tool axis
                 if abs(x) + abs(y) > 2.0 * _SWEEP and (best < 0 or total < least):
-                    a = positions[k - 1, r, 0] + 0.5 * x
-                    b = positions[k - 1, r, 1] + 0.5 * y
+                    # at half a turn, which is farthest away, in place of the middle of several turns
+                    share = min(0.5, 0.5 * TURN / max(abs(x), abs(y)))
+                    a = positions[k - 1, r, 0] + share * x
+                    b = positions[k - 1, r, 1] + share * y
                     if cosine_from(a, b, rules.terms, rules.middle[k]) < rules.near[k]:
                         total += rules.lift
                 if best < 0 or total < least:
@@ -387,12 +425,16 @@ def leaves_arc(kinematics: Kinematics, rotary: np.ndarray, tolerance: float) -> 
     tolerance  distance from the arc, rad
 
     Such a move sweeps the tool through the workpiece: a turn of C by 180 degrees, a change of branch, a joint that is
-    unwound.  Lift the tool before it.  The tool axis is compared at a quarter, half and three quarters of each move.
+    unwound.  Lift the tool before it.  The tool axis is compared at a quarter, half and three quarters of each move
+    and after half a turn.
     """
     axis = np.array(kinematics.tool_axis(rotary))
     a, b = axis[:, :-1], axis[:, 1:]
+    moved = np.max(np.abs(np.diff(rotary, axis=1)), axis=0)
+    # and at half a turn, since whole turns return to the same tool axis
+    half_turn = np.where(moved > math.pi, math.pi / np.maximum(moved, math.pi), 0.5)
     off = np.zeros(a.shape[1])
-    for share in _SHARES:
+    for share in (*_SHARES, half_turn):
         off = np.maximum(off, _from_arc(a, b, interpolate_axes(kinematics, rotary[:, :-1], rotary[:, 1:], share)))
     return np.flatnonzero(off > tolerance) + 1
 
