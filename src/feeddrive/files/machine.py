@@ -386,7 +386,7 @@ def _check_joints(section: MachineSection, loops: Mapping[str, Loop], five_axes:
             )
 
 
-def find_bundled(path: str | Path, folder: str) -> Path:
+def find_bundled(path: str | Path, folder: str, suffix: str = ".toml") -> Path:
     """Return the path if it exists or has a suffix, otherwise the path of the bundled file of that name. Raise
     FileError.
     """
@@ -394,10 +394,10 @@ def find_bundled(path: str | Path, folder: str) -> Path:
     # A name with a suffix is meant as a file, so that a typing error is not answered by a bundled machine.
     if file.exists() or file.suffix:
         return file
-    bundled = BUNDLED / folder / f"{file.name}.toml"
+    bundled = BUNDLED / folder / f"{file.name}{suffix}"
     if bundled.exists():
         return bundled
-    names = sorted(bundled_file.stem for bundled_file in (BUNDLED / folder).glob("*.toml"))
+    names = sorted(bundled_file.stem for bundled_file in (BUNDLED / folder).glob(f"*{suffix}"))
     raise FileError(f"{file}: there is no such file, and no bundled one of that name{nearest(file.name, names)}")
 
 
@@ -442,6 +442,15 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
             f"there is none; there are: {', '.join(machine.loops)}"
         )
     return _machine_limits(planned, machine.file.name if limits is None else f"{machine.file.name}, {limits}")
+
+
+def planned_kinematics(machine: MachineFile | None, limits: MachineLimits) -> Kinematics | None:
+    """Return the kinematics of a machine with the travel of the planned limits; None for a machine without."""
+    kinematics = None if machine is None else machine.kinematics
+    if kinematics is None or any(letter not in limits.letters for letter in kinematics.letters):
+        return None
+    ends = {letter: (-math.inf, math.inf) if ends is None else ends for letter, ends in limits.travel.items()}
+    return kinematics.with_travel(ends)
 
 
 def _machine_limits(axes: Mapping[str, AxisLimits], files: str) -> MachineLimits:

@@ -515,7 +515,7 @@ def plan_record(plan: Planned) -> dict[str, Any]:
         "runs": plan.runs,
         "sample_time_s": plan.sample_time,
         "samples": plan.samples,
-        "violations": proof.count,
+        "violations": plan.violations,
         "proof": {
             "widened": WIDENED,
             "spans": proof.spans,
@@ -524,12 +524,25 @@ def plan_record(plan: Planned) -> dict[str, Any]:
             "faults": [plan.limits.named(str(fault)) for fault in proof.faults],
         },
         "limits": uses,
+        **_tip(plan),
         **({"angle_tolerance_rad": angles} if angles else {}),
         "seconds_by_cause": dict(plan.seconds),
         "stop_count": plan.stop_count,
         "stops_by_reason": dict(plan.stop_reasons),
         "stops_file": STOPS if plan.stop_count > FEW else None,
         "stops": [_stop(plan.limits.letters, stop) for stop in plan.stops],
+    }
+
+
+def _tip(plan: Planned) -> dict[str, Any]:
+    """Return what is proven of the tip of the tool; empty if the program never moves it."""
+    tip = plan.tip
+    if tip is None:
+        return {}
+    return {
+        "tip_deviation_m": tip.deviation,
+        "tip_angle_rad": tip.angle,
+        "tip_proof": {"pieces": tip.pieces, "faults": tip.count, "deviation_of_joint_polynomials_m": tip.mapped},
     }
 
 
@@ -548,7 +561,7 @@ def _stop(letters: str, stop: Standstill) -> dict[str, Any]:
 
 def write_plan(folder: Path, plan: Planned) -> None:
     """Write `plan.json`, and remove the setpoint files if the plan is not proven."""
-    proven = plan.proof.count == 0
+    proven = plan.violations == 0
     # An unproven motion must not be loaded into a controller.
     for name in () if proven else (SETPOINTS, STREAMER, HAL, STOPS):
         (folder / name).unlink(missing_ok=True)

@@ -10,9 +10,12 @@ import numpy as np
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
+from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.limits import MachineLimits
+from feeddrive.path.motion import TipColumns
 from feeddrive.path.proof import DERIVATIVES, Proof
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
+from feeddrive.path.tip_proof import TipProof
 
 _STRETCHES = 8192
 _PER = ("s", "s2", "s3", "s4")
@@ -130,6 +133,8 @@ class Planned(Result):
     stop_reasons      number of stops of each kind
     seconds           cycle time by limiting cause: the limit used most in a sample, the feed, or a standstill
     course            reduced motion for plots
+    tip               proof for the tip of the tool; None if the program never moves it (G43.4, G43.5)
+    kinematics        of the machine with the first tool whose tip is moved
     """
 
     program: str
@@ -146,6 +151,36 @@ class Planned(Result):
     stop_reasons: Mapping[str, int]
     seconds: Mapping[str, float]
     course: Course
+    tip: TipProof | None = None
+    kinematics: Kinematics | None = None
+
+    @property
+    def violations(self) -> int:
+        """The number of faults of the proofs: of the axes, and of the tip."""
+        return self.proof.count + (0 if self.tip is None else self.tip.count)
+
+    @property
+    def tips(self) -> np.ndarray:
+        """The tip of the tool in the frame of the workpiece at the start of each interval of the course, m, (n, 3)."""
+        return self.tips_of(self.course.position)
+
+    def tips_of(self, positions: np.ndarray) -> np.ndarray:
+        """Return the tip of the tool in the frame of the workpiece, m, shape (n, 3), at positions of the axes."""
+        assert self.kinematics is not None
+        linear, rotary = self._joints(positions)
+        return np.stack(self.kinematics.tip(linear, rotary), axis=1)
+
+    @property
+    def tilts(self) -> np.ndarray:
+        """The angle between the tool and Z of the workpiece at the start of each interval of the course, rad, (n,)."""
+        assert self.kinematics is not None
+        x, y, z = self.kinematics.tool_axis(self._joints(self.course.position)[1])
+        return np.arctan2(np.hypot(x, y), z) * np.ones(len(self.course.time))
+
+    def _joints(self, positions: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        assert self.kinematics is not None
+        columns = TipColumns.of(self.kinematics, self.limits.letters)
+        return [positions[:, k] for k in columns.linear], [positions[:, k] for k in columns.rotary]
 
     def table(self) -> Table:
         """Return a table of the limits of each axis and the peak utilization of each limit."""
@@ -162,7 +197,7 @@ class Planned(Result):
         ]
         names = zip(DERIVATIVES, _PER, strict=True)
         heads = ["axis", *(f"{name} {unit_name(f'm/{s}', f'mm/{s}', stays=True)}" for name, s in names)]
-        held = "every limit is proven" if self.proof.count == 0 else f"{self.proof.count} violations"
+        held = "every limit is proven" if self.violations == 0 else f"{self.violations} violations"
         title = Text(
             f"{self.program}: {Quantity(self.cycle_time, 's'):6 SI}, {self.blocks} blocks, {self.stop_count} stops; "
             f"{held}"
@@ -202,4 +237,6 @@ def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | No
         dict(reasons),
         setpoints.seconds,
         recorder.course(setpoints.sample_time),
+        setpoints.tip.proof(),
+        setpoints.tip.kinematics,
     )

@@ -976,8 +976,7 @@ class Prover:
     def prove(self, part: Part) -> bool:
         """Check the next part; return True if all its limits are proven to be satisfied."""
         before = self._count
-        if part.weights is not None:
-            part = self._weighted(part, part.weights)
+        part = self._weighted(part, part.weights)
         time, alone = self._time, part.entering is None
         self._along(part.pieces, part.motion, part.ends, alone, not self._stands)
         if part.entering is not None:
@@ -991,11 +990,14 @@ class Prover:
         self._stands = self._count == before
         return self._count == before
 
-    def _weighted(self, part: Part, weights: np.ndarray) -> Part:
+    def _weighted(self, part: Part, weights: np.ndarray | None) -> Part:
         """Return a part with each axis multiplied by its weight, and do the same to the limits and to the place."""
-        if not np.array_equal(weights, self._weights):
-            self._place *= weights / self._weights
-            self._limits, self._weights = self._raw * weights[:, None], weights
+        by = np.ones(len(self._raw)) if weights is None else weights
+        if not np.array_equal(by, self._weights):
+            self._place *= by / self._weights
+            self._limits, self._weights = self._raw * by[:, None], by
+        if weights is None:
+            return part
         entering = part.entering
         if entering is not None:
             entering = entering._replace(pieces=counted(entering.pieces, weights))

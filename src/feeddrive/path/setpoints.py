@@ -393,7 +393,7 @@ class Setpoints:
             self.line = move.source.number
             self.blocks += isinstance(move, Straight | Arc | Spline)
             if isinstance(move, ToolPoint):
-                self.tip.source = move.source
+                self.tip.begin(move)
             yield move
 
     def _part(self, part: Part) -> Iterator[Samples]:

@@ -35,8 +35,10 @@ from feeddrive.language.series import Magnitude, Taylor
 from feeddrive.language.text import Text
 from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.geometry.tip import beyond, mapped, series, ways
+from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.motion import ARC, LINE, Pieces, Section, TipColumns, counted
 from feeddrive.path.program.blocks import Line
+from feeddrive.path.program.moves import ToolPoint
 from feeddrive.path.proof import WIDENED, slopes
 
 LEFT = 5e-9
@@ -67,13 +69,21 @@ class TipProver:
 
     travel  travel of each axis of the machine, m or rad; absent: none has ends
     source  the line that began the tool point, for messages
+    kinematics  of the machine with the first tool
     """
+
+    kinematics: Kinematics | None
 
     def __init__(self, travel: Sequence[tuple[float, float] | None] | None = None) -> None:
         self._travel = travel
-        self.source = Line("", 0, "")
+        self.source, self.kinematics = Line("", 0, ""), None
         self._joined = self._turned = self._mapped = self._angle = 0.0
         self._pieces = self._count = 0
+
+    def begin(self, move: ToolPoint) -> None:
+        """Take the begin or end of a tool point."""
+        self.source = move.source
+        self.kinematics = self.kinematics or move.kinematics
 
     @property
     def proven(self) -> bool:
