@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import comb, factorial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.series import Magnitude, Taylor
 from feeddrive.language.text import Text
-from feeddrive.path.geometry.segments import Chain
+from feeddrive.path.geometry.segments import Chain, part_of
 from feeddrive.path.geometry.tip import beyond, mapped, series, ways
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.motion import ARC, LINE, Pieces, Section, TipColumns, counted
@@ -41,8 +41,11 @@ from feeddrive.path.program.blocks import Line
 from feeddrive.path.program.moves import ToolPoint
 from feeddrive.path.proof import WIDENED, slopes
 
-LEFT = 5e-9
-"""The part of a tolerance that is left for the polynomials of the joints, m; see `geometry.tip.NEAR`."""
+# far below what a drive resolves, and above the rounding of positions of some m
+LEFT = 2e-9
+"""The part of a tolerance that is left for the polynomials of the joints, m."""
+NEAR = 1e-9
+"""The bound above which a piece is halved, m."""
 _ORDER = 8
 _ROUNDED = 1e-14  # relative to the largest coordinate: of e₀ .. e₃, which some hundred roundings make
 
@@ -103,7 +106,7 @@ class TipProver:
         """Map a section of a chain to the joints and prove it; raise ProgramError where a joint leaves its travel."""
         pieces = section.pieces if chain.weights is None else counted(section.pieces, 1.0 / chain.weights)
         columns = tip.rotary if chain.turns else tip.linear
-        path, joints = mapped(pieces, tip, columns)
+        path, joints = mapped(pieces, tip, columns, lambda path, joints: ~(tip_bounds(path, joints, tip) <= NEAR))
         out = None if self._travel is None else beyond(joints, self._travel, tip.linear)
         if out is not None:
             least, most = self._travel[out.column]  # type: ignore[index]
@@ -186,10 +189,11 @@ def tip_bounds(path: Pieces, joints: Pieces, tip: TipColumns) -> np.ndarray:
     straight[arc, :, 1] = path.shape[arc][:, others, 2] * path.length[arc, None]
     gaps = np.abs(joints.shape[:, others] - straight).sum(axis=2) + np.abs(joints.origin - path.origin)[:, others]
     apart += np.linalg.norm(gaps, axis=1)
-    # magnitudes of all Taylor coefficients at any point of a piece
-    size = np.abs(joints.shape)
-    bounds = [np.abs(joints.origin) + size.sum(axis=2)]
-    bounds += [sum(comb(j, k) * size[:, :, j] for j in range(k, 8)) for k in range(1, 8)]
+    # magnitudes of all Taylor coefficients at any point of a piece, from those at its middle
+    middle: list[Any] = [None] * 8
+    part_of.python([joints.shape[:, :, k] for k in range(8)], 0.5, 1.0, middle)
+    size = [np.abs(c) for c in (joints.origin + middle[0], *middle[1:])]
+    bounds = [sum(comb(j, k) * 0.5 ** (j - k) * size[j] for j in range(k, 8)) for k in range(8)]
     bounds.append(np.zeros_like(bounds[0]))
     m = [Taylor(*(Magnitude(bound[:, k]) for bound in bounds)) for k in range(axes)]
     most = tip.kinematics.tip([m[k] for k in linear], [m[k] for k in rotary])

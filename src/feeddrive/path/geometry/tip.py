@@ -7,7 +7,8 @@ piece q is replaced by the polynomial of seventh degree that equals it up to the
     q, q', q'', q''' at the ends       from Taylor series of p and α, so that q is C3 where p and α are
     q(end) - q(start)                  from the displacements of p and α, without subtracting positions
 
-A piece is halved until the polynomial is near enough.  Angles and other axes are exact.
+A piece is halved until the distance is proven to be small enough (`path/tip_proof.py`).  Angles and other axes are
+exact.
 
 The feed F bounds the speed of the tip |p'| u'.  The joint pieces are paced: u' is at most F/max |p'|, where |p'|² is a
 polynomial of twelfth degree, which the largest of its Bernstein coefficients bounds.
@@ -15,9 +16,9 @@ polynomial of twelfth degree, which the largest of its Bernstein coefficients bo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import comb
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -25,15 +26,14 @@ from feeddrive.language.series import Taylor
 from feeddrive.path.geometry.segments import State, hermite, part_of
 from feeddrive.path.motion import ARC, LINE, PACED, Pieces, TipColumns
 
-# far below what a drive resolves, and above the rounding of positions of some m
-NEAR = 1e-9
-"""The largest distance of a joint's polynomial from the inverse kinematics at the points where it is compared, m."""
-_TURN = 0.3  # rad, largest change of the angles on a piece, for which few points show how near a polynomial is
+_TURN = 0.3  # rad, largest change of the angles on a piece
+_HALVINGS, _TURNS = 12, 40  # largest number of halvings of a piece for its distance, and for its change of angles
 ROUNDING = 1e-9  # m by which a joint may pass the end of its travel, as the axes of a program may
-_COMPARED = (0.25, 0.5, 0.75)  # of a piece: the distance is largest near its middle
-_HALVINGS = 40
 _ROUNDED = 1.0 + 1e-12  # relative, of |p'|
 _DEGREE = 12  # of |p'|²
+
+
+IsFar: TypeAlias = Callable[[Pieces, Pieces], np.ndarray]
 
 
 class Mapped(NamedTuple):
@@ -43,43 +43,39 @@ class Mapped(NamedTuple):
     joints: Pieces
 
 
-def mapped(pieces: Pieces, tool: TipColumns, counted: Sequence[int] | None = None, near: float = NEAR) -> Mapped:
+def mapped(pieces: Pieces, tool: TipColumns, counted: Sequence[int], is_far: IsFar) -> Mapped:
     """Map the pieces of a path of the tip to the joints.
 
     pieces   tip in the frame of the workpiece (m) in the columns of the linear axes, angles (rad), other axes
-    counted  columns whose speed the feed bounds; None: those of the tip
-    near     largest distance from the inverse kinematics at the points where it is compared, m
+    counted  columns whose speed the feed bounds: those of the tip, or of the angles if it stands
+    is_far   function that returns which joint pieces are too far from the inverse kinematics, for their tip pieces
     """
-    at = np.arange(len(pieces.length))
-    tip, place = _halved(pieces, np.zeros(len(at)), at, _turns(pieces, tool) > _TURN)
-    waiting, done = (tip, *place), list[tuple[Pieces, Pieces, np.ndarray, np.ndarray]]()
-    for _ in range(_HALVINGS):
-        tip, begin, of = waiting
+    tip, begin, of = pieces, np.zeros(len(pieces.length)), np.arange(len(pieces.length))
+    for _ in range(_TURNS):
         turned = _turns(tip, tool) > _TURN
         if not turned.any():
-            joints, apart = _joints(tip, tool)
-            far = apart > near
-            kept = ~far
-            done.append((_rows(tip, kept), _rows(joints, kept), begin[kept], of[kept]))
-            if not far.any():
-                break
-            tip, begin, of = _rows(tip, far), begin[far], of[far]
-            turned = np.ones(len(of), bool)
-        tip, place = _halved(tip, begin, of, turned)
-        waiting = tip, *place
-    tips, joints, begins, indices = zip(*done, strict=True)
-    if len(done) == 1:
-        tip, joint = tips[0], joints[0]
-    else:
+            break
+        tip, begin, of = _halved(tip, begin, of, turned)
+    done = list[tuple[Pieces, Pieces, np.ndarray, np.ndarray]]()
+    for halved in range(_HALVINGS + 1):
+        joints = _joints(tip, tool)
+        # what is too far after the last halving is left to the proof
+        far = is_far(tip, joints) & (halved < _HALVINGS)
+        done.append((_rows(tip, ~far), _rows(joints, ~far), begin[~far], of[~far]))
+        if not far.any():
+            break
+        tip, begin, of = _halved(_rows(tip, far), begin[far], of[far], np.ones(int(far.sum()), bool))
+    tips, joint_pieces, begins, indices = zip(*done, strict=True)
+    tip, joints = tips[0], joint_pieces[0]
+    if len(done) > 1:
         order = np.lexsort((np.concatenate(begins), np.concatenate(indices)))
-        tip, joint = (
+        tip, joints = (
             Pieces._make([np.concatenate(columns)[order] for columns in zip(*parts, strict=True)])
-            for parts in (tips, joints)
+            for parts in (tips, joint_pieces)
         )
-    columns = list(tool.linear if counted is None else counted)
     with np.errstate(divide="ignore"):
-        paced = tip.feed / fastest(tip, columns)
-    return Mapped(tip, joint._replace(feed=np.where(joint.kind == LINE, tip.feed, paced)))
+        paced = tip.feed / fastest(tip, list(counted))
+    return Mapped(tip, joints._replace(feed=np.where(joints.kind == LINE, tip.feed, paced)))
 
 
 def _rows(pieces: Pieces, which: np.ndarray) -> Pieces:
@@ -95,18 +91,19 @@ def _turns(pieces: Pieces, tool: TipColumns) -> np.ndarray:
 
 def _halved(
     pieces: Pieces, begin: np.ndarray, of: np.ndarray, which: np.ndarray
-) -> tuple[Pieces, tuple[np.ndarray, np.ndarray]]:
-    """Return the pieces with some of them halved; each begins at `begin`, m, in the piece `of` of the whole path."""
-    if not which.any():
-        return pieces, (begin, of)
-    n = len(begin)
-    order = np.repeat(np.arange(n), np.where(which, 2, 1))
+) -> tuple[Pieces, np.ndarray, np.ndarray]:
+    """Return the pieces with some of them halved, and for each where it begins, m, in which piece of the whole path."""
+    order = np.repeat(np.arange(len(begin)), np.where(which, 2, 1))
     second = np.concatenate([[False], order[1:] == order[:-1]])
-    length = np.where(which, 0.5, 1.0)[order] * pieces.length[order]
-    start = np.where(second, 0.5, 0.0)
-    values, shape = parts(_rows(pieces, order), start, np.where(which, 0.5, 1.0)[order])
-    out = _rows(pieces, order)._replace(length=length, origin=values, shape=shape)
-    return out, (begin[order] + np.where(second, length, 0.0), of[order])
+    size = np.where(which, 0.5, 1.0)[order]
+    rows = _rows(pieces, order)
+    values, shape = parts(rows, np.where(second, 0.5, 0.0), size)
+    length = size * rows.length
+    return (
+        rows._replace(length=length, origin=values, shape=shape),
+        begin[order] + np.where(second, length, 0.0),
+        of[order],
+    )
 
 
 def parts(pieces: Pieces, start: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -176,52 +173,38 @@ def series(pieces: Pieces, share: float, order: int = 3) -> list[np.ndarray]:
     return terms
 
 
-def _joints(tip: Pieces, tool: TipColumns) -> tuple[Pieces, np.ndarray]:
-    """Return the joint pieces, and their distance from the inverse kinematics where it is compared, m."""
+def _joints(tip: Pieces, tool: TipColumns) -> Pieces:
+    """Return the joint pieces."""
     linear, rotary = list(tool.linear), list(tool.rotary)
-    n = len(tip.length)
+    n, axes = tip.origin.shape
     whole = ways(tip, 1.0)
-    ends = [series(tip, 0.0), series(tip, 1.0)]
     # both ends at once: half as many operations on twice the numbers
     values = np.concatenate([tip.origin, tip.origin + whole])
-    terms = [np.concatenate(both) for both in zip(*ends, strict=True)]
-    at = [Taylor(values[:, k], *(term[:, k] for term in terms)) for k in range(values.shape[1])]
+    terms = [np.concatenate(both) for both in zip(series(tip, 0.0), series(tip, 1.0), strict=True)]
+    at = [Taylor(values[:, k], *(term[:, k] for term in terms)) for k in range(axes)]
     q = [axis.terms for axis in tool.kinematics.linear([at[k] for k in linear], [at[k] for k in rotary])]
-    shares = [np.concatenate([ways(tip, share) for share in _COMPARED]), whole]
-    moved = np.concatenate(shares)
-    starts = np.tile(tip.origin, (len(_COMPARED) + 1, 1))
-    follow = tool.kinematics.linear_change(
-        *([table[:, k] for k in columns] for columns in (linear, rotary) for table in (starts, moved))
+    moved = tool.kinematics.linear_change(
+        *([table[:, k] for k in columns] for columns in (linear, rotary) for table in (tip.origin, whole))
     )
-    travel = [np.broadcast_to(np.asarray(way), len(moved)) for way in follow]
     left = [State(0.0, row[1][:n], 2.0 * row[2][:n], 6.0 * row[3][:n]) for row in q]
-    right = [
-        State(way[-n:], row[1][n:], 2.0 * row[2][n:], 6.0 * row[3][n:]) for row, way in zip(q, travel, strict=True)
-    ]
+    right = [State(way, row[1][n:], 2.0 * row[2][n:], 6.0 * row[3][n:]) for row, way in zip(q, moved, strict=True)]
     out: list[Any] = [None] * len(q)
     hermite.python(left, right, 1.0, out)
     shape, origin = tip.shape.copy(), tip.origin.copy()
     arc = tip.kind == ARC
     if arc.any():
-        straight = np.zeros((int(arc.sum()), shape.shape[1], 8))
+        straight = np.zeros((int(arc.sum()), axes, 8))
         straight[:, :, 1] = tip.shape[arc, :, 2] * tip.length[arc, None]
         shape[arc] = straight
-    apart = np.zeros(n)
-    for column, row, coefficients, way in zip(linear, q, out, travel, strict=True):
+    for column, row, coefficients in zip(linear, q, out, strict=True):
         origin[:, column] = row[0][:n]
-        shape[:, column, 0] = 0.0
-        for k in range(1, 8):
+        for k in range(8):
             shape[:, column, k] = coefficients[k]
-        for place, share in enumerate(_COMPARED):
-            value = np.zeros(n)
-            for k in range(7, 0, -1):
-                value = (value + shape[:, column, k]) * share
-            apart = np.maximum(apart, np.abs(value - way[place * n : (place + 1) * n]))
     # a line on which nothing but the tip moves is a line of the joints
-    others = np.delete(np.arange(shape.shape[1]), linear)
+    others = np.delete(np.arange(axes), linear)
     still = (tip.kind == LINE) & ~np.any(tip.shape[:, others, 1], axis=1)
     shape[still, :, 2:] = 0.0
-    return Pieces(np.where(still, LINE, PACED), tip.length, origin, shape, tip.feed, tip.line), apart
+    return Pieces(np.where(still, LINE, PACED), tip.length, origin, shape, tip.feed, tip.line)
 
 
 # Bernstein coefficients of a polynomial of degree 12 from its power coefficients
