@@ -133,7 +133,7 @@ def test_the_course_holds_the_extremes_of_all_samples(tmp_path: Path) -> None:
     for samples in setpoints.Setpoints(read_program(part(tmp_path)), limits, 9e-5):
         values.append(samples.values)
         for cut in np.array_split(np.arange(len(samples.values)), 7):
-            rows = (samples.values[cut], samples.line[cut], samples.feed[cut])
+            rows = (samples.values[cut], samples.line[cut], samples.feed[cut], samples.speed[cut])
             recorder.add(setpoints.Samples(samples.first, *rows, True))
     course, whole = recorder.course(9e-5), np.concatenate(values)
     assert len(whole) > 2 * 8192

@@ -44,7 +44,8 @@ from feeddrive.loop.box import AUTO, Box, is_identified
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
-from feeddrive.path.limits import LETTERS, ROTARY, AxisLimits, MachineLimits
+from feeddrive.path.geometry.weights import ROTARY
+from feeddrive.path.limits import LETTERS, AxisLimits, MachineLimits
 
 BUNDLED = Path(__file__).parent / "bundled"
 
@@ -372,7 +373,7 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
                 raise axis.error(f"axis '{name}' is none that is planned: {', '.join(LETTERS.lower())}")
         stated = {name: axis.limits for name, axis in section.axis.items()}
     if machine is None:
-        return MachineLimits({name.upper(): axis_limits for name, axis_limits in stated.items()})
+        return _machine_limits({name.upper(): axis_limits for name, axis_limits in stated.items()}, str(limits))
     planned: dict[str, AxisLimits] = {}
     for name, loop in machine.loops.items():
         # In part programs A, B and C are angles and all other letters lengths: other axes cannot be programmed.
@@ -391,7 +392,15 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
             f"{machine.file.name}: a part program moves axes with the names x y z u v w, and a b c if they turn, and "
             f"there is none; there are: {', '.join(machine.loops)}"
         )
-    return MachineLimits(planned)
+    return _machine_limits(planned, machine.file.name if limits is None else f"{machine.file.name}, {limits}")
+
+
+def _machine_limits(axes: Mapping[str, AxisLimits], files: str) -> MachineLimits:
+    """Return the limits of axes; raise ParameterError, with the names of their files, if they do not fit the axes."""
+    try:
+        return MachineLimits(axes)
+    except ParameterError as error:
+        raise ParameterError(f"{files}: {error}") from None
 
 
 def _resolution(loop: Loop) -> float | None:

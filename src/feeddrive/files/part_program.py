@@ -78,7 +78,8 @@ from feeddrive.language.errors import FeeddriveError, NotPlannedError, Parameter
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import samples
-from feeddrive.path.limits import ROTARY, MachineLimits
+from feeddrive.path.geometry.weights import ROTARY
+from feeddrive.path.limits import MachineLimits
 from feeddrive.path.planned import FEW, Planned, planned_of
 from feeddrive.path.program.dialects import DIALECTS
 from feeddrive.path.program.moves import Arc, Move, Spindle, Spline, Straight, ToolChange
@@ -503,6 +504,8 @@ def plan_record(plan: Planned) -> dict[str, Any]:
         }
         for letter, limits, shares in zip(plan.limits.letters, plan.limits.array, proof.use, strict=True)
     }
+    tolerances = zip(plan.limits.letters, plan.limits.angle_tolerances, strict=True)
+    angles = {letter: float(tolerance) for letter, tolerance in tolerances if letter in ROTARY}
     return {
         "program": plan.program,
         "machine": plan.machine,
@@ -521,6 +524,7 @@ def plan_record(plan: Planned) -> dict[str, Any]:
             "faults": [plan.limits.named(str(fault)) for fault in proof.faults],
         },
         "limits": uses,
+        **({"angle_tolerance_rad": angles} if angles else {}),
         "seconds_by_cause": dict(plan.seconds),
         "stop_count": plan.stop_count,
         "stops_by_reason": dict(plan.stop_reasons),

@@ -92,6 +92,20 @@ class Section(NamedTuple):
     tolerance: float = 0.0
 
 
+def counted(pieces: Pieces, weights: np.ndarray | None) -> Pieces:
+    """Return pieces with each coordinate multiplied by the weight of its axis.
+
+    Rotary axes then have lengths, in which distances and directions of the path are measured.
+
+    weights  the length that counts for one m or rad of each axis, m, shape (N,); None: 1
+    """
+    if weights is None:
+        return pieces
+    # an arc has its curvature in column 3 of each axis, and nothing behind it
+    scales = np.where((np.arange(8) == 3) & (pieces.kind == ARC)[:, None, None], 1.0, weights[:, None])
+    return pieces._replace(origin=pieces.origin * weights, shape=pieces.shape * scales)
+
+
 def part_of_pieces(pieces: Pieces, first: int, last: int) -> Pieces:
     """Return the pieces from `first` up to but excluding `last`."""
     return Pieces._make([column[first:last] for column in pieces])
@@ -261,8 +275,10 @@ class Part(NamedTuple):
     next run is `entering` at the same time, the following part continues from the position that the next run has then
     reached.
 
-    mode  path mode (`PathMode`) that requires the stop; empty if the joint has a tolerance, but cannot be passed within
-          it
+    mode     path mode (`PathMode`) that requires the stop; empty if the joint has a tolerance, but cannot be passed
+             within it
+    weights  the length that counts for one m or rad of each axis in path speeds (`Pieces.feed`) and distances, m, shape
+             (N,); None: 1
     """
 
     pieces: Pieces
@@ -270,6 +286,7 @@ class Part(NamedTuple):
     ends: bool
     entering: Entering | None = None
     mode: str = ""
+    weights: np.ndarray | None = None
 
 
 class Pause(NamedTuple):

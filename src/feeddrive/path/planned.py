@@ -64,10 +64,11 @@ class Recorder:
         if not len(values):
             return
         motion = values[:, :, 1:].reshape(len(values), -1)
-        speed = np.linalg.norm(values[:, :, 1], axis=1)
         # each row counts its samples: the last row of a group may be shorter, so the index alone gives no time
         one = np.ones(len(values))
-        self._left.append(np.column_stack([values[:, :, 0], speed, motion, motion, samples.feed, samples.line, one]))
+        self._left.append(
+            np.column_stack([values[:, :, 0], samples.speed, motion, motion, samples.feed, samples.line, one])
+        )
         self._waiting += len(values)
         if self._waiting >= max(self._every, _STRETCHES):
             self._gather()

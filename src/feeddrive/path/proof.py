@@ -49,6 +49,7 @@ from feeddrive.path.motion import (
     Part,
     Pieces,
     chain,
+    counted,
     cubic,
     derivatives,
     part_of_pieces,
@@ -951,11 +952,16 @@ class Proof(Result):
 
 
 class Prover:
-    """The prover of consecutive parts of runs; `limits` are in m/s .. m/s⁴, shape (N, 4)."""
+    """The prover of consecutive parts of runs; `limits` are in m/s .. m/s⁴ (rad/s .. rad/s⁴), shape (N, 4).
+
+    A part with `weights` is proven in coordinates in which each axis, with its limits, is multiplied by its weight: the
+    feed and the distance of overlapping runs to the corner are measured in them.
+    """
 
     def __init__(self, limits: np.ndarray, widened: float = WIDENED) -> None:
         axes = len(limits)
-        self._limits, self._widened = np.ascontiguousarray(limits, float), widened
+        self._raw, self._weights = np.ascontiguousarray(limits, float), np.ones(axes)
+        self._limits, self._widened = self._raw, widened
         self._state, self._time, self._place = np.zeros(4), 0.0, np.zeros(axes)
         self._stands = False  # True if a run has ended at `_place`, where the next one must begin
         self._faults, self._use, self._jumps = np.zeros((_KEPT, 5)), np.zeros((axes, 4)), np.zeros(2)
@@ -968,6 +974,8 @@ class Prover:
     def prove(self, part: Part) -> bool:
         """Check the next part; return True if all its limits are proven to be satisfied."""
         before = self._count
+        if part.weights is not None:
+            part = self._weighted(part, part.weights)
         time, alone = self._time, part.entering is None
         self._along(part.pieces, part.motion, part.ends, alone, not self._stands)
         if part.entering is not None:
@@ -980,6 +988,16 @@ class Prover:
             self._state[:], self._time = 0.0, 0.0
         self._stands = self._count == before
         return self._count == before
+
+    def _weighted(self, part: Part, weights: np.ndarray) -> Part:
+        """Return a part with each axis multiplied by its weight, and do the same to the limits and to the place."""
+        if not np.array_equal(weights, self._weights):
+            self._place *= weights / self._weights
+            self._limits, self._weights = self._raw * weights[:, None], weights
+        entering = part.entering
+        if entering is not None:
+            entering = entering._replace(pieces=counted(entering.pieces, weights))
+        return part._replace(pieces=counted(part.pieces, weights), entering=entering)
 
     def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool, anywhere: bool) -> None:
         """Prove that a motion has no jumps and, if it is `alone`, satisfies the limits; it starts at the end of the

@@ -12,14 +12,29 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Records, Records2
 from feeddrive.language.quantity import number
 from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
 from feeddrive.path.geometry.segments import Chain, chains
+from feeddrive.path.geometry.weights import ANGLE_TOLERANCE
 from feeddrive.path.limits import MachineLimits
-from feeddrive.path.motion import Derivatives, Motion, Part, Pause, Pieces, Section, chain, cubic, derivatives, way
+from feeddrive.path.motion import (
+    Derivatives,
+    Motion,
+    Part,
+    Pause,
+    Pieces,
+    Section,
+    chain,
+    counted,
+    cubic,
+    derivatives,
+    part_of_pieces,
+    way,
+)
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
 from feeddrive.path.proof import Prover
 from feeddrive.path.schedule.corner import Crossings
@@ -31,19 +46,27 @@ SHORT = 100  # largest number of segments of a chain that is planned in two ways
 
 
 def planned(
-    moves: Iterable[Move], axes: str, limits: np.ndarray, override: Override | None = None
+    moves: Iterable[Move],
+    axes: str,
+    limits: np.ndarray,
+    override: Override | None = None,
+    angle_tolerance: ArrayLike = ANGLE_TOLERANCE,
 ) -> Iterator[Part | Pause]:
     """Yield the runs of a program, each from rest to rest in one or more parts, and the pauses between them.
 
     Segments are planned in windows, and a part is yielded as soon as it is final, so memory does not grow with the
     program.
 
-    axes      letters of the machine's axes, in the order of `limits`
-    limits    limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
-    override  feed override; with it motions are not lifted, so that the planned motion is final only a short time ahead
+    axes             letters of the machine's axes, in the order of `limits`
+    limits           limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    override         feed override; with it motions are not lifted, so that the planned motion is final only a short
+                     time ahead
+    angle_tolerance  tolerance of the rotary axes, as in `chains`, rad
 
     Raises ProgramError as `chains` does.  The parts are planned but not proven: pass them to a `Prover`.
     """
+    weights: np.ndarray | None = None
+    weighted = limits  # in the coordinates of the path, in which angles are lengths
     joiner, schedule, crossings = Joiner(), Schedule(limits, override=override), Crossings(limits)
     lifter = Lifter(limits) if override is None else None
     joints: deque[str] = deque()  # path modes of the undecided joints
@@ -57,15 +80,23 @@ def planned(
             # an overlap is contained in both runs, so that its time was counted twice
             if part.entering is not None:
                 schedule.time -= float(part.motion.duration.sum())
+            part = _in_radians(part, weights)
             yield part._replace(mode=modes.popleft()) if part.ends else part
 
-    for segments in chains(moves, axes):
+    for segments in chains(moves, axes, angle_tolerance):
         if isinstance(segments, Pause):
             schedule.time += segments.duration
             yield segments
             continue
+        if segments.weights is not None and not np.array_equal(segments.weights, weights):
+            # at a stop, where all earlier parts have been yielded
+            weights, time = segments.weights, schedule.time
+            weighted = limits * weights[:, None]
+            schedule, crossings = Schedule(weighted, override=override), Crossings(weighted)
+            schedule.time = time
+            lifter = Lifter(weighted) if lifter else None
         # only a chain from rest to rest can be planned by itself, in either way
-        whole = _quicker(segments, limits) if lifter and joiner.rests and segments.ends else None
+        whole = _quicker(segments, weighted) if lifter and joiner.rests and segments.ends else None
         sections, joint = whole[:2] if whole else joiner.join(segments)
         joints.extend(segments.modes)
         for stop in joint.stop:
@@ -73,6 +104,16 @@ def planned(
             if stop:
                 modes.append(mode)
         yield from leaving(whole[2] if whole else _planned_along(sections, segments.ends, schedule, lifter, crossings))
+
+
+def _in_radians(part: Part, weights: np.ndarray | None) -> Part:
+    """Return a part in m and rad, planned in coordinates in which angles are lengths."""
+    if weights is None:
+        return part
+    entering = part.entering
+    if entering is not None:
+        entering = entering._replace(pieces=counted(entering.pieces, 1.0 / weights))
+    return part._replace(pieces=counted(part.pieces, 1.0 / weights), entering=entering, weights=weights)
 
 
 def _planned_along(
@@ -224,6 +265,7 @@ PAUSES = {
     "Stop": "program stop (M0, M1, M60)",
     "Probe": "probe (G38)",
     "Wait": "wait for an input (M66)",
+    "Tolerance": "change of the tolerance, by which angles are weighted (G64)",
     "ToolChange": "tool change",
     "Spindle": "spindle",
     "Switch": "coolant, output or override",
@@ -264,6 +306,7 @@ class Samples(NamedTuple):
     values    position to snap of each axis, m .. m/s⁴, shape (n, N, 5)
     line      line of the part program, shape (n,)
     feed      the programmed path speed, m/s; inf on a traverse, 0 at a standstill, shape (n,)
+    speed     the speed along the path, in which angles count as in `Part.weights`, m/s, shape (n,)
     proven    True if the whole motion up to here is proven
     """
 
@@ -271,6 +314,7 @@ class Samples(NamedTuple):
     values: np.ndarray
     line: np.ndarray
     feed: np.ndarray
+    speed: np.ndarray
     proven: bool
 
 
@@ -306,7 +350,8 @@ class Setpoints:
         self.proven = True
 
     def __iter__(self) -> Iterator[Samples]:
-        for part in planned(self._counted(), self.limits.letters, self._array, self._override):
+        angles = self.limits.angle_tolerances
+        for part in planned(self._counted(), self.limits.letters, self._array, self._override, angles):
             if isinstance(part, Part):
                 yield from self._part(part)
             else:
@@ -329,7 +374,7 @@ class Setpoints:
             yield move
 
     def _part(self, part: Part) -> Iterator[Samples]:
-        pieces, motion = part.pieces, part.motion
+        pieces, motion, weights = part.pieces, part.motion, part.weights
         if self._along is not None:  # a run begins where another one has ended
             if self._waits is None:
                 angle = self._corner(part)
@@ -342,7 +387,8 @@ class Setpoints:
         self.proven = self.prover.prove(part) and self.proven
         for values in self._sampler.slices(part):
             times = (self.samples + np.arange(len(values))) * self.sample_time - self.time
-            samples = Samples(self.samples, values, *_where(part, times), self.proven)
+            speed = np.linalg.norm(values[:, :, 1] if weights is None else values[:, :, 1] * weights, axis=1)
+            samples = Samples(self.samples, values, *_where(part, times), speed, self.proven)
             self._attribute(samples)
             self.samples += len(values)
             yield samples
@@ -370,7 +416,8 @@ class Setpoints:
         while duration > 0.0:
             now = min(duration, longest)
             values = self._sampler.rest(self._position, now)
-            samples = Samples(self.samples, values, np.full(len(values), line), np.zeros(len(values)), self.proven)
+            rest = np.zeros(len(values))
+            samples = Samples(self.samples, values, np.full(len(values), line), rest, rest, self.proven)
             self.samples += len(values)
             # a standstill has no limiting axis, so it is counted here and not by `_attribute`
             self._counts[-1] += len(values)
@@ -382,15 +429,15 @@ class Setpoints:
         """Return the angle between the end of the previous run and the start of this one, rad."""
         assert self._along is not None
         r = np.zeros((len(self.limits.axes), 5))
-        derivatives(int(part.pieces.kind[0]), float(part.pieces.length[0]), part.pieces.shape[0], 0.0, r)
-        begin = _along(r, float(part.pieces.length[0]), 1.0)
+        first = counted(part_of_pieces(part.pieces, 0, 1), part.weights)
+        derivatives(int(first.kind[0]), float(first.length[0]), first.shape[0], 0.0, r)
+        begin = _along(r, float(first.length[0]), 1.0)
         # by the chord: the arc cosine of a scalar product has no digits at small angles
         return 2.0 * float(np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(begin - self._along)))))
 
     def _attribute(self, samples: Samples) -> None:
         """Attribute each sample to the cause that limits it most."""
-        speed = np.linalg.norm(samples.values[:, :, 1], axis=1)
-        reasons = causes(np.abs(samples.values[:, :, 1:]) / self._array, speed, samples.feed)
+        reasons = causes(np.abs(samples.values[:, :, 1:]) / self._array, samples.speed, samples.feed)
         self._counts += np.bincount(reasons, minlength=len(self._counts))
 
 
@@ -436,7 +483,10 @@ def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
     length = float(pieces.length[p])
     r = np.zeros((pieces.origin.shape[1], 5))
     derivatives(int(pieces.kind[p]), length, pieces.shape[p], length if part.ends else min(x, length), r)
-    return pieces.origin[p] + r[:, 0], _along(r, length, -1.0)
+    place = pieces.origin[p] + r[:, 0]
+    if part.weights is not None:
+        r *= part.weights[:, None]
+    return place, _along(r, length, -1.0)
 
 
 def _along(r: np.ndarray, length: float, side: float) -> np.ndarray:

@@ -135,7 +135,7 @@ def _pictures(plan: Planned) -> Sequence[Picture]:
             "path",
             "Path and speed",
             "Color and width: the speed along the path, slow is warm and wide. Dotted: traverses. Circles: stops, the "
-            "first 300." + (" Of the speed 1 rad counts as 1 m." if plan.limits.rotary else ""),
+            "first 300." + (" In the speed an angle counts by its tolerance." if plan.limits.rotary else ""),
             f"The path of {plan.program} with its speed as color.",
             plan.chart,
         ),

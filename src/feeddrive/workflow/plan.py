@@ -71,6 +71,14 @@ class PlanRequest(Request):
         entered="mm",
         above=0.0,
     )
+    angle_tolerance: float | None = option(
+        "tolerance of rotary axes where corners are rounded, in place of those among the limits of the axes, which are "
+        "0.05 if left out",
+        default=None,
+        unit="rad",
+        entered="deg",
+        above=0.0,
+    )
     override: str | None = option(
         "steps of the feed in % from these times on, in s: 1:50, 2:0, 3.5:120; 0 holds; 100 before the first",
         default=None,
@@ -108,6 +116,8 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     unfit = "" if request.tolerance is None else limits.unfit(request.tolerance)
     if unfit:
         raise ParameterError(f"--tolerance: {unfit}")
+    if request.angle_tolerance is not None:
+        limits = _turning_within(limits, request.angle_tolerance)
     sample_time = request.sample_time
     if sample_time is None:
         assert machine is not None
@@ -133,13 +143,32 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     return replace(outcome, then=line("run", request.out / JOB)) if job else outcome
 
 
+def _turning_within(limits: MachineLimits, tolerance: float) -> MachineLimits:
+    """Return the limits with the tolerance of `--angle-tolerance`, rad, for all rotary axes."""
+    if not limits.rotary:
+        raise ParameterError(
+            "--angle-tolerance is for axes that turn (a, b, c), and the machine has "
+            f"{', '.join(limits.letters.lower())}: leave it out"
+        )
+    try:
+        return limits.turning_within(tolerance)
+    except ParameterError as error:
+        raise ParameterError(f"--angle-tolerance: {error}") from None
+
+
 JOB = "job.toml"  # the machine along the program that was planned
 
 
 def _job(request: PlanRequest, machine: MachineFile | None, planned: Planned) -> str:
     """Return the text of the job that runs the program on the machine; empty if no job can reproduce this plan."""
     # a job has the tolerance, the feed and the sample time of program and machine
-    changed = (request.tolerance, request.override, request.sample_time, request.parameters) != (None,) * 4
+    changed = (
+        request.tolerance,
+        request.angle_tolerance,
+        request.override,
+        request.sample_time,
+        request.parameters,
+    ) != (None,) * 5
     if machine is None or planned.proof.count or changed or request.front_end != "auto":
         return ""
     axis = next((name for name in machine.loops if name.upper() in planned.limits.letters), None)
