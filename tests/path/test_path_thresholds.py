@@ -435,7 +435,7 @@ def test_a_standstill_comes_in_blocks_of_16384_samples() -> None:
 
 
 def samples(first: int, count: int) -> Samples:
-    return Samples(first, np.zeros((count, 3, 5)), np.zeros(count, np.int64), np.zeros(count), True)
+    return Samples(first, np.zeros((count, 3, 5)), np.zeros(count, np.int64), *np.zeros((2, count)), True)
 
 
 @pytest.mark.parametrize(("count", "intervals"), [(16_000, 16_000), (17_000, 8_500)])

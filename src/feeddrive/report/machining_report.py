@@ -151,7 +151,7 @@ def _pictures(plan: Planned) -> Sequence[Picture]:
             + (
                 " Path and speed are those of the tip of the tool, in the frame of the workpiece."
                 if of_tip
-                else " Of the speed 1 rad counts as 1 m."
+                else " In the speed an angle counts by its tolerance."
                 if plan.limits.rotary
                 else ""
             ),
