@@ -66,7 +66,9 @@ def curve(draw: np.random.Generator, count: int) -> np.ndarray:
 
 def corners(draw: np.random.Generator, count: int) -> np.ndarray:
     """Return points of a free polyline, in which some blocks move only the tip, or only angles."""
-    steps = draw.normal(size=(count, 5)) * np.append(np.full(3, 10.0 ** draw.uniform(-5, -1.5)), np.full(2, 10.0 ** draw.uniform(-4, -0.5)))
+    steps = draw.normal(size=(count, 5)) * np.append(
+        np.full(3, 10.0 ** draw.uniform(-5, -1.5)), np.full(2, 10.0 ** draw.uniform(-4, -0.5))
+    )
     for row in steps:
         which = draw.random()
         if which < 0.1:
@@ -108,13 +110,19 @@ def drawn(draw: np.random.Generator, most: int = 60) -> Drawn:
             center = middle + draw.uniform(-2.0, 2.0) * across
             if np.linalg.norm(across) > 1e-6:
                 x, y = center.tolist()
-                moves.append(Arc(source, tuple(start.tolist()), tuple(end.tolist()), (0, 1, 2), (x, y), int(draw.choice([-1, 1]))))
+                moves.append(
+                    Arc(
+                        source, tuple(start.tolist()), tuple(end.tolist()), (0, 1, 2), (x, y), int(draw.choice([-1, 1]))
+                    )
+                )
                 continue
         moves.append(Straight(source, tuple(start.tolist()), tuple(end.tolist()), bool(draw.random() < 0.03)))
         if draw.random() < 0.02 and not exact:
             moves.append(PathMode(source, "continuous", tolerance * draw.uniform(0.3, 1.0)))
     points = np.hstack([rows[:, :3], rows[:, place]])
-    return Drawn(moves, points if not arcs else points[-1:], kinematics, letters, limits, 0.0 if exact else tolerance, angle)
+    return Drawn(
+        moves, points if not arcs else points[-1:], kinematics, letters, limits, 0.0 if exact else tolerance, angle
+    )
 
 
 class Outcome(NamedTuple):

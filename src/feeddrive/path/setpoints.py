@@ -412,9 +412,7 @@ class Setpoints:
             times = (self.samples + np.arange(len(values))) * self.sample_time - self.time
             line, feed, rate = _where(part, times)
             if part.tip is not None:
-                speed = _tip_speed(values, part.tip)
-                # the feed of paced pieces bounds u', which is the speed of the tip where |p'| is 1
-                feed = np.where(rate > 0.0, feed * speed / np.where(rate > 0.0, rate, 1.0), feed)
+                speed, feed = _tip_speed(values, part.tip, rate, feed)
             else:
                 speed = np.linalg.norm(values[:, :, 1] if weights is None else values[:, :, 1] * weights, axis=1)
             samples = Samples(self.samples, values, line, feed, speed, self.proven)
@@ -487,10 +485,23 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
     return reasons
 
 
-def _tip_speed(values: np.ndarray, tip: TipColumns) -> np.ndarray:
-    """Return the speed of the tip in the frame of the workpiece, m/s, from the samples of the joints."""
+_STANDS = 1e-9  # speed of the tip over u': below it only angles change, and the feed is theirs
+
+
+def _tip_speed(
+    values: np.ndarray, tip: TipColumns, rate: np.ndarray, feed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the speed of the tip in the frame of the workpiece and its feed, m/s; where the tip stands, u' and its
+    bound.
+
+    values  samples of the joints;  rate  u', m/s;  feed  the bound of u'
+    """
     linear, rotary = ([Taylor(values[:, k, 0], values[:, k, 1]) for k in columns] for columns in tip[1:])
-    return np.sqrt(sum(axis.terms[1] ** 2 for axis in tip.kinematics.tip(linear, rotary)))
+    speed = np.sqrt(sum(axis.terms[1] ** 2 for axis in tip.kinematics.tip(linear, rotary)))
+    moves = (rate > 0.0) & (speed > _STANDS * rate)
+    # the feed of paced pieces bounds u', of which the speed of the tip is a multiple
+    multiple = np.where(moves, speed, 1.0) / np.where(moves, rate, 1.0)
+    return np.where(moves, speed, rate), feed * multiple
 
 
 def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
