@@ -21,7 +21,7 @@ from feeddrive.language.block import Block, Number, choice, parameter, table
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
-from feeddrive.path.kinematics import NUTATING, Kinematics, Vector
+from feeddrive.path.kinematics import Kinematics, Vector
 
 REVERSED = ("", "A", "B", "C", "AB", "AC", "BC")
 """Choices of joints that count against ISO 841."""
@@ -144,6 +144,3 @@ def _check(machine: FiveAxes) -> None:
     strangers = [letter for letter in machine.reversed if letter not in machine.joints]
     if strangers:
         raise ParameterError(f"reversed names joint {strangers[0]}, and the joints are {machine.joints}: leave it out")
-    tilting = machine.joints[1] if isinstance(machine, HeadHead) else machine.joints[0]
-    if machine.nutating and tilting not in NUTATING:
-        raise ParameterError(f"a nutating joint is A or B, not {tilting}: change joints or nutating")
