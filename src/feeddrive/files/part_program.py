@@ -68,7 +68,7 @@ from feeddrive.blocks.cutting.engagement import arc
 from feeddrive.blocks.families import Coupling, Cutter
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.columns import Column
-from feeddrive.files.machine import BUNDLED, MachineFile, planned_limits
+from feeddrive.files.machine import BUNDLED, MachineFile, planned_kinematics, planned_limits
 from feeddrive.files.read_log import OpenedFile, read_log
 from feeddrive.files.run_files import parquet_stream, run_stream
 from feeddrive.files.section import Section, file_name, named
@@ -82,7 +82,8 @@ from feeddrive.path.geometry.weights import ROTARY
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.planned import FEW, Planned, planned_of
 from feeddrive.path.program.dialects import DIALECTS
-from feeddrive.path.program.moves import Arc, Move, Spindle, Spline, Straight, ToolChange
+from feeddrive.path.program.blocks import BlockError, located
+from feeddrive.path.program.moves import Arc, Move, Spindle, Spline, Straight, ToolChange, ToolPoint
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof import DERIVATIVES, WIDENED
 from feeddrive.path.setpoints import REASONS, Samples, Setpoints, Standstill
@@ -691,11 +692,13 @@ def planned_program(
         tables_inch=section.tables_inch,
         skip_deleted=section.skip_deleted,
         dialect=section.dialect,  # type: ignore[arg-type]
+        kinematics=planned_kinematics(machine, limits),
     )
     # Closing ends the generator that reads the program, also after an error of the planner.
     with closing(moves):
         cut_process = None if process is None else process_of(process, program)
-        setpoints = Setpoints(moves if cut_process is None else cut_process.spindle.noted(moves), limits, T)
+        of_axes = _of_axes(moves)
+        setpoints = Setpoints(of_axes if cut_process is None else cut_process.spindle.noted(of_axes), limits, T)
 
         def keep(samples: Samples, _: Sequence[Standstill]) -> None:
             kept.append(samples.values)
@@ -736,6 +739,18 @@ def planned_program(
         cuts,
         cut_process,
     )
+
+
+def _of_axes(moves: Iterable[Move]) -> Iterator[Move]:
+    """Yield the moves; refuse those of the tip of the tool, whose error a job does not judge."""
+    for move in moves:
+        if isinstance(move, ToolPoint):
+            reason = (
+                "a job compares each axis with its path and cuts with an upright tool, while G43.4 and G43.5 move the "
+                "tip of a tilted one: take feeddrive plan, which writes setpoints of all axes"
+            )
+            raise located(move.source, BlockError(reason, "G"))
+        yield move
 
 
 def _cutting(cuts: Sequence[Cut], times: np.ndarray) -> np.ndarray:

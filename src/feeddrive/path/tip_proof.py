@@ -96,7 +96,7 @@ class TipProver:
     def join(self, deviation: np.ndarray, chain: Chain) -> None:
         """Take bounds on the distance of the joined path of a chain from the program, in its weighted coordinates."""
         assert chain.tip is not None
-        most = float(np.max(deviation, initial=0.0))
+        most = float(np.max(deviation, initial=0.0)) + chain.chords
         self._joined = max(self._joined, most)
         if chain.weights is not None:
             turned = most / float(np.min(chain.weights[list(chain.tip.rotary)]))

@@ -376,6 +376,7 @@ class Chain(NamedTuple):
     weights    the length by which one m or rad of each axis was multiplied, m, shape (N,); None: 1 (no rotary axis)
     tip        the tool whose tip the segments move, and whose speed is their feed; None: they move the axes
     turns      True if the tip stands, so that the feed is that of the angles, rad/s
+    chords     largest distance of chords from the splines for which they stand, m
     """
 
     segments: Pieces
@@ -385,6 +386,7 @@ class Chain(NamedTuple):
     weights: np.ndarray | None = None
     tip: TipColumns | None = None
     turns: bool = False
+    chords: float = 0.0
 
 
 class _Segment(NamedTuple):
@@ -407,7 +409,7 @@ class _Collected:
     def __init__(self) -> None:
         self.rows: list[_Segment] = []
 
-    def chain(self, ends: bool, weights: np.ndarray | None, tip: TipColumns | None, turns: bool) -> Chain:
+    def chain(self, ends: bool, weights: np.ndarray | None) -> Chain:
         """Return the collected segments as a chain; unless it `ends`, the last one is retained for the next chain."""
         # the joint after the last segment depends on the next one
         count = len(self.rows) - (0 if ends else 1)
@@ -425,7 +427,7 @@ class _Collected:
         joints = [modes[k + 1] if k < len(stricter) and stricter[k] else modes[k] for k in range(count)]
         tolerance[:-1] = np.minimum(tolerance[:-1], tolerance[1:])
         del self.rows[:count]
-        return Chain(pieces, tolerance[:count], ends, joints, weights, tip, turns)
+        return Chain(pieces, tolerance[:count], ends, joints, weights)
 
 
 class _Feeds:
@@ -476,8 +478,10 @@ def chains(moves: Iterable[Move], axes: str, angle_tolerance: ArrayLike = ANGLE_
     tip: TipColumns | None = None
     still = False  # True if the tip stands in the moves collected, while angles change at the feed
 
+    chords = 0.0
+
     def collect(ends: bool) -> Chain:
-        return collected.chain(ends, weights.values, tip, still)
+        return collected.chain(ends, weights.values)._replace(tip=tip, turns=still, chords=chords)
 
     for move in moves:
         if isinstance(move, Going):
@@ -498,6 +502,8 @@ def chains(moves: Iterable[Move], axes: str, angle_tolerance: ArrayLike = ANGLE_
             if not collected.rows:
                 weights.begin()
             tolerance = weights.tolerance_of(turns)
+            if isinstance(move, Spline):
+                chords = max(chords, _CHORDS * tolerance)
             for segment in _segments(move, columns, weights.values, feeds, mode, tolerance):
                 collected.rows.append(segment)
                 if len(collected.rows) > AT_ONCE:
