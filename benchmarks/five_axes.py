@@ -19,6 +19,7 @@ import argparse
 import math
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -110,7 +111,7 @@ def moves(points: np.ndarray, kinematics: Kinematics, posted: bool = False) -> I
     else:
         yield ToolPoint(line, kinematics)
     rows = [(x, y, z, a, 0.0, c, 0.0, 0.0, 0.0) for x, y, z, a, c in points.tolist()]
-    for k, (start, end) in enumerate(zip(rows[:-1], rows[1:], strict=True)):
+    for k, (start, end) in enumerate(pairwise(rows)):
         if posted or k == 0:
             yield Feed(line, float(feeds[k]), 0.0)
         yield Straight(Line("part", k + 1, ""), start, end, False)
@@ -153,7 +154,7 @@ def row(name: str, points: np.ndarray, posted: bool = False) -> None:
         told = f"{1e6 * off(np.concatenate(rows), points, kinematics):.2f} µm sampled | -"
     else:
         told = f"{1e6 * of_tip.deviation:.2f} µm | {math.degrees(of_tip.angle):.4f}°"
-    faults = proof.count + (0 if of_tip is None else of_tip.count)
+    faults = proof.count + (0 if of_tip is None else of_tip.faults)
     print(f"| {name} | {count:,} | {lasts:.3f} s | {stops} | {faults} | {told} | {60 * count / spent:.1e} |")
 
 

@@ -10,7 +10,7 @@ import pytest
 from paths import LIMITS, arc, lines, random_curve, random_limits, square
 
 from feeddrive.path.geometry.joints import joined
-from feeddrive.path.motion import Motion, Part, Pieces, Section, derivatives, piece_of
+from feeddrive.path.motion import Motion, Part, Pieces, Section, derivatives, part_of_pieces, piece_of
 from feeddrive.path.proof import Proof, Prover
 from feeddrive.path.schedule.ramp import bounds, boxcars, cube_root
 from feeddrive.path.schedule.run import Schedule, plan_run
@@ -319,7 +319,7 @@ def test_a_motion_that_cannot_be_planned_from_its_speed_brakes_and_does_not_stop
     limits = np.array([[0.5, 0.1, 1.0, 1e3]] * 3)
     schedule, prover, speeds = Schedule(limits), Prover(limits), list[np.ndarray]()
     for first in range(0, count, 300):
-        some = Pieces._make([column[first : first + 300] for column in pieces])
+        some = part_of_pieces(pieces, first, first + 300)
         for part in schedule.add(Section(some, first + 300 == count)):
             assert isinstance(part, Part)
             assert prover.prove(part)

@@ -1,4 +1,4 @@
-"""Paths of the tip of a tool: the joints follow the inverse kinematics, and the proof of the tip finds what does not."""
+"""Paths of the tip of a tool: joints follow the inverse kinematics, and the proof of the tip finds what does not."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ COLUMNS = TipColumns.of(TRUNNION, "XYZAC")
 LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3 + [[5.0, 30.0, 600.0, 3e5], [10.0, 50.0, 1000.0, 5e5]])
 
 
-def by_formula(tip: np.ndarray, a: np.ndarray, c: np.ndarray) -> np.ndarray:
+def by_formula(tip: np.ndarray, a: float, c: float) -> np.ndarray:
     """The joints of the trunnion, written out: an independent second source."""
     x, y, z = tip
     turned = np.sin(c) * x + np.cos(c) * y
@@ -45,9 +45,8 @@ def by_formula(tip: np.ndarray, a: np.ndarray, c: np.ndarray) -> np.ndarray:
 
 def line(way: list[float], start: list[float], feed: float = 0.1) -> Pieces:
     length = float(np.linalg.norm(way))
-    return Pieces(
-        *(np.array([x]) for x in (LINE, length, start)), line_shapes(np.array([way])), np.array([feed]), np.array([7])
-    )
+    kind, size, origin = (np.array([x]) for x in (LINE, length, start))
+    return Pieces(kind, size, origin, line_shapes(np.array([way])), np.array([feed]), np.array([7]))
 
 
 def bend(angle: float = 0.3) -> Pieces:
@@ -67,7 +66,8 @@ def arc() -> Pieces:
     e1, e2 = np.array([0.02, 0.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.02, 0.0, 0.0, 0.0])
     shape = arc_shape(e1, e2, np.array([0.0, 0.0, 0.1, 16.0, -16.0]), 50.0)
     start = np.array([0.03, 0.01, 0.0, 0.2, -0.4])
-    return Pieces(*(np.array([x]) for x in (ARC, length, start, shape)), np.array([0.1]), np.array([1]))
+    kind, size, origin, shapes = (np.array([x]) for x in (ARC, length, start, shape))
+    return Pieces(kind, size, origin, shapes, np.array([0.1]), np.array([1]))
 
 
 def turn() -> Pieces:
@@ -100,7 +100,7 @@ def test_joints_follow_the_inverse_kinematics_within_the_proven_bound(path: Call
             np.testing.assert_array_equal(p[3:], q[3:]) if tip.kind[k] != ARC else np.testing.assert_allclose(
                 p[3:], q[3:], atol=1e-15
             )
-            assert np.linalg.norm(by_formula(p[:3], p[3], p[4]) - q[:3]) <= bound[k] + 1e-15
+            assert np.linalg.norm(by_formula(p[:3], float(p[3]), float(p[4])) - q[:3]) <= bound[k] + 1e-15
 
 
 @pytest.mark.parametrize("path", [bend, turn])
@@ -123,7 +123,7 @@ def test_the_bound_is_sharp() -> None:
     for k in range(len(bound)):
         for share in np.linspace(0.1, 0.9, 17):
             p, q = at(tip, k, share)[:, 0], at(joints, k, share)[:, 0]
-            error[k] = max(error[k], float(np.linalg.norm(by_formula(p[:3], p[3], p[4]) - q[:3])))
+            error[k] = max(error[k], float(np.linalg.norm(by_formula(p[:3], float(p[3]), float(p[4])) - q[:3])))
     assert error.max() > 1e-13
     assert bound.max() <= 1000.0 * error.max()
 
@@ -149,7 +149,7 @@ def test_a_joint_that_is_shifted_by_three_nanometers_is_found(degree: int, shift
     assert prover.proven == holds
     proof = prover.proof()
     assert proof is not None
-    assert proof.count == (0 if holds else 1)
+    assert proof.faults == (0 if holds else 1)
     assert proof.deviation > 0.5 * shift
 
 
@@ -227,7 +227,10 @@ def test_a_tip_that_stands_turns_at_the_feed_of_angles() -> None:
 
 def test_after_moves_of_the_joints_the_tip_goes_on_from_there(tmp_path: Path) -> None:
     """Rotary moves of the joints are proven with weighted angles, those of the tip without: the proof goes on."""
-    text = "G21 G90 G64 P0.01 F3000\nG1 X20 A-30 C40\nX21 C41\nG43.4 H0\nG1 X5 Y6 Z50 A-20 C30\nX8 A-22\nG49\nG1 X1 A-10\nM2\n"
+    text = (
+        "G21 G90 G64 P0.01 F3000\nG1 X20 A-30 C40\nX21 C41\nG43.4 H0\n"
+        "G1 X5 Y6 Z50 A-20 C30\nX8 A-22\nG49\nG1 X1 A-10\nM2\n"
+    )
     path = tmp_path / "part.ngc"
     path.write_text(text, encoding="utf-8")
     result = fd.workflow.plan(path, machine="trunnion_ac")
@@ -331,7 +334,7 @@ def test_a_tool_may_swing_by_five_degrees_in_a_feed(tmp_path: Path, tilt: float,
 def test_an_angle_that_is_wound_too_far_is_refused(tmp_path: Path) -> None:
     """An endless table counts up to 1e6 degrees."""
     program(tmp_path, "G21 G90\nG43.4 H0\nG0 C999999\nM2\n", TRUNNION)
-    with pytest.raises(ProgramError, match="would be wound to 1000001 deg|would be wound to 1e"):
+    with pytest.raises(ProgramError, match="would be wound to 1"):
         program(tmp_path, "G21 G90\nG43.4 H0\nG0 C1000001\nM2\n", TRUNNION)
 
 
@@ -344,7 +347,7 @@ def test_a_joint_that_leaves_its_travel_is_an_error_at_its_line(tmp_path: Path) 
 
 
 def test_random_paths_of_the_tip_hold() -> None:
-    """All kinds of machines, curves, corners, arcs, traverses, turns on the spot; limits and tolerances over decades."""
+    """All kinds of machines, curves, corners, arcs, traverses, turns on the spot; limits over decades."""
     for k, draw in seeds(41, 4):
         assert look(drawn(draw, 16)).wrong == "", k
 
@@ -358,7 +361,7 @@ def test_many_random_paths_of_the_tip_hold() -> None:
 
 def check(name: str, folder: Path, lasts: float) -> None:
     """Plan a bundled program: proven within 10 um, in no more than a time with its approach, and five columns."""
-    result = fd.workflow.plan(name, machine="trunnion_ac", out=folder / "out")
+    result = fd.workflow.plan(Path(name), machine="trunnion_ac", out=folder / "out")
     record = json.loads((folder / "out" / "plan.json").read_text())
     assert record["violations"] == 0
     assert 5e-6 < record["tip_deviation_m"] <= 1e-5
@@ -412,4 +415,4 @@ def test_the_pictures_show_tip_and_joints(tmp_path: Path) -> None:
 
 def test_a_bundled_program_has_a_name() -> None:
     with pytest.raises(FeeddriveError, match="no bundled one of that name"):
-        fd.workflow.plan("bladed", machine="trunnion_ac")
+        fd.workflow.plan(Path("bladed"), machine="trunnion_ac")

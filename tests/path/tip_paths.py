@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -100,7 +101,7 @@ def drawn(draw: np.random.Generator, most: int = 60) -> Drawn:
     arcs = draw.random() < 0.25
     rows = np.zeros((len(points), 9))
     rows[:, :3], rows[:, place] = points[:, :3], points[:, 3:]
-    for k, (start, end) in enumerate(zip(rows[:-1], rows[1:], strict=True)):
+    for k, (start, end) in enumerate(pairwise(rows)):
         source = Line("", k + 1, "")
         if np.array_equal(start, end):
             continue
@@ -136,6 +137,7 @@ class Outcome(NamedTuple):
 def look(program: Drawn, sampled: bool = True) -> Outcome:
     """Plan and prove a program; compare its end, and tip and tool at samples with the program."""
     prover, tip, lasts = Prover(program.limits), TipProver(), 0.0
+    last: Part | None = None
     sampler, rows = Sampler(1e-3), list[np.ndarray]()
     for part in planned(program.moves, program.letters, program.limits, angle_tolerance=program.angle, tip=tip):
         if isinstance(part, Part):
@@ -146,10 +148,11 @@ def look(program: Drawn, sampled: bool = True) -> Outcome:
             last = part
     proof, of_tip = prover.proof(), tip.proof()
     assert of_tip is not None
+    assert last is not None
     if proof.count:
         return Outcome(f"{proof.count} faults: {proof.faults[0]}", lasts, of_tip.pieces)
-    if of_tip.count:
-        return Outcome(f"{of_tip.count} faults of the tip", lasts, of_tip.pieces)
+    if of_tip.faults:
+        return Outcome(f"{of_tip.faults} faults of the tip", lasts, of_tip.pieces)
     if of_tip.deviation > max(program.tolerance, 6e-9):
         return Outcome(f"deviation {of_tip.deviation} of {program.tolerance}", lasts, of_tip.pieces)
     if program.tolerance and of_tip.angle > 1.5 * program.angle:

@@ -81,8 +81,8 @@ from feeddrive.loop.simulate import samples
 from feeddrive.path.geometry.weights import ROTARY
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.planned import FEW, Planned, planned_of
-from feeddrive.path.program.dialects import DIALECTS
 from feeddrive.path.program.blocks import BlockError, located
+from feeddrive.path.program.dialects import DIALECTS
 from feeddrive.path.program.moves import Arc, Move, Spindle, Spline, Straight, ToolChange, ToolPoint
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof import DERIVATIVES, WIDENED
@@ -543,7 +543,7 @@ def _tip(plan: Planned) -> dict[str, Any]:
     return {
         "tip_deviation_m": tip.deviation,
         "tip_angle_rad": tip.angle,
-        "tip_proof": {"pieces": tip.pieces, "faults": tip.count, "deviation_of_joint_polynomials_m": tip.mapped},
+        "tip_proof": {"pieces": tip.pieces, "faults": tip.faults, "deviation_of_joint_polynomials_m": tip.mapped},
     }
 
 

@@ -157,7 +157,7 @@ class Planned(Result):
     @property
     def violations(self) -> int:
         """The number of faults of the proofs: of the axes, and of the tip."""
-        return self.proof.count + (0 if self.tip is None else self.tip.count)
+        return self.proof.count + (0 if self.tip is None else self.tip.faults)
 
     @property
     def tips(self) -> np.ndarray:

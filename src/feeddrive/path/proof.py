@@ -133,8 +133,8 @@ def cubic_range(a: float, b: float, c: float, d: float, t0: float, t1: float) ->
 
 @kernel
 def slopes(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats3) -> float:
-    """Return a bound on |r'| over [x0, x1], or 1 for a paced piece; write intervals of r' .. r'''' by Taylor forms about the midpoint into
-    out[i, k-1].
+    """Return a bound on |r'| over [x0, x1], or 1 for a paced piece; write intervals of r' .. r'''' into out[i, k-1], by
+    Taylor forms about the midpoint.
     """
     middle = 0.5 * (x0 + x1)
     radius = 0.5 * (x1 - x0)

@@ -95,9 +95,8 @@ def planned(
             schedule.time += segments.duration
             yield segments
             continue
-        if segments.tip is not of_tip or (
-            segments.tip is None and segments.weights is not None and not np.array_equal(segments.weights, weights)
-        ):
+        same = segments.weights is None or (weights is not None and np.array_equal(segments.weights, weights))
+        if segments.tip is not of_tip or (segments.tip is None and not same):
             # at a stop, where all earlier parts have been yielded
             of_tip, weights, time = segments.tip, segments.weights, schedule.time
             # the joints of a tip are planned in m and rad

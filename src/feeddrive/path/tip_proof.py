@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import comb, factorial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,8 +33,8 @@ from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.series import Magnitude, Taylor
 from feeddrive.language.text import Text
-from feeddrive.path.geometry.segments import Chain, part_of
-from feeddrive.path.geometry.tip import beyond, mapped, series, ways
+from feeddrive.path.geometry.segments import Chain
+from feeddrive.path.geometry.tip import beyond, mapped, series, shifted, ways
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.motion import ARC, LINE, Pieces, Section, TipColumns, counted
 from feeddrive.path.program.blocks import Line
@@ -57,14 +57,14 @@ class TipProof(NamedTuple):
     angle      largest angle between the direction of the tool and the programmed one, rad
     mapped     the part of the deviation that is due to the polynomials of the joints, m
     pieces     number of pieces
-    count      number of pieces whose deviation or feed is not proven to be within the bounds of the program
+    faults     number of pieces whose deviation or feed is not proven to be within the bounds of the program
     """
 
     deviation: float
     angle: float
     mapped: float
     pieces: int
-    count: int
+    faults: int
 
 
 class TipProver:
@@ -190,10 +190,9 @@ def tip_bounds(path: Pieces, joints: Pieces, tip: TipColumns) -> np.ndarray:
     gaps = np.abs(joints.shape[:, others] - straight).sum(axis=2) + np.abs(joints.origin - path.origin)[:, others]
     apart += np.linalg.norm(gaps, axis=1)
     # magnitudes of all Taylor coefficients at any point of a piece, from those at its middle
-    middle: list[Any] = [None] * 8
-    part_of.python([joints.shape[:, :, k] for k in range(8)], 0.5, 1.0, middle)
+    middle = shifted(joints.shape, 0.5, 1.0)
     size = [np.abs(c) for c in (joints.origin + middle[0], *middle[1:])]
-    bounds = [sum(comb(j, k) * 0.5 ** (j - k) * size[j] for j in range(k, 8)) for k in range(8)]
+    bounds = [np.sum([comb(j, k) * 0.5 ** (j - k) * size[j] for j in range(k, 8)], axis=0) for k in range(8)]
     bounds.append(np.zeros_like(bounds[0]))
     m = [Taylor(*(Magnitude(bound[:, k]) for bound in bounds)) for k in range(axes)]
     most = tip.kinematics.tip([m[k] for k in linear], [m[k] for k in rotary])

@@ -400,8 +400,10 @@ def plan_joints_chart(plan: Planned) -> Chart:
     time, letters = plan.course.time, plan.limits.letters
     place = plan.course.position * [factor for factor, _ in plan.limits.shown]
     panels = [Panel("tilt of the tool\n(deg)", (Curve(*envelope(time, np.degrees(plan.tilts))),))]
-    for letter in plan.kinematics.rotary_letters:
-        panels.append(Panel(f"{letter}\n(deg)", (Curve(*envelope(time, place[:, letters.index(letter)])),)))
+    panels += [
+        Panel(f"{letter}\n(deg)", (Curve(*envelope(time, place[:, letters.index(letter)])),))
+        for letter in plan.kinematics.rotary_letters
+    ]
     curves = (Curve(*envelope(time, place[:, letters.index(letter)]), letter, k) for k, letter in enumerate(LINEAR))
     panels.append(Panel(f"joints\n({unit_name('mm')})", tuple(curves), share=1.5))
     return Chart("time (s)", tuple(panels), height=6.6)

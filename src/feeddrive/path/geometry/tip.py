@@ -1,8 +1,8 @@
 """Paths of the tool's tip mapped to the joints of a machine: polynomials that follow the inverse kinematics.
 
 A path of the tip has in each piece polynomials, or an arc, for the tip p in the frame of the workpiece, the angles α of
-the rotary axes, and all other axes.  The joints of the linear axes are q = linear(p, α) (`path/kinematics.py`).  On each
-piece q is replaced by the polynomial of seventh degree that equals it up to the third derivative at both ends:
+the rotary axes, and all other axes.  The joints of the linear axes are q = linear(p, α) (`path/kinematics.py`).  On
+each piece q is replaced by the polynomial of seventh degree that equals it up to the third derivative at both ends:
 
     q, q', q'', q''' at the ends       from Taylor series of p and α, so that q is C3 where p and α are
     q(end) - q(start)                  from the displacements of p and α, without subtracting positions
@@ -108,12 +108,9 @@ def _halved(
 
 def parts(pieces: Pieces, start: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return origin and shape of the part of each piece that begins at the share `start` and has the share `size`."""
-    n, axes, _ = pieces.shape.shape
+    axes = pieces.shape.shape[1]
     whole = size == 1.0
-    c = [np.ascontiguousarray(pieces.shape[:, :, k]) for k in range(8)]
-    out: list[Any] = [None] * 8
-    part_of.python(c, start[:, None], size[:, None], out)
-    shape = np.stack(out, axis=2)
+    shape = np.stack(shifted(pieces.shape, start[:, None], size[:, None]), axis=2)
     first = shape[:, :, 0].copy()
     shape[:, :, 0] = 0.0
     arc = pieces.kind == ARC
@@ -134,6 +131,14 @@ def parts(pieces: Pieces, start: np.ndarray, size: np.ndarray) -> tuple[np.ndarr
     shape[whole] = pieces.shape[whole]
     first[whole] = 0.0
     return pieces.origin + first, shape
+
+
+def shifted(shape: np.ndarray, begin: np.ndarray | float, size: np.ndarray | float) -> list[np.ndarray]:
+    """Return the coefficients of part of each polynomial, with the constant term; `part_of` on arrays (n, N)."""
+    out: list[Any] = [None] * 8
+    shift: Any = part_of.python  # plain arithmetic, which also accepts arrays
+    shift([np.ascontiguousarray(shape[:, :, k]) for k in range(8)], begin, size, out)
+    return out
 
 
 def ways(pieces: Pieces, share: float) -> np.ndarray:
@@ -157,7 +162,7 @@ def series(pieces: Pieces, share: float, order: int = 3) -> list[np.ndarray]:
     if share == 0.0:
         terms = [shape[:, :, k].copy() for k in range(1, order + 1)]
     else:
-        terms = [sum(comb(j, k) * shape[:, :, j] for j in range(k, 8)) for k in range(1, order + 1)]
+        terms = [shape[:, :, k:] @ [float(comb(j, k)) for j in range(k, 8)] for k in range(1, order + 1)]
     arc = pieces.kind == ARC
     if arc.any():
         e1, e2, slope, kappa = (shape[arc, :, k] for k in range(4))
@@ -189,7 +194,8 @@ def _joints(tip: Pieces, tool: TipColumns) -> Pieces:
     left = [State(0.0, row[1][:n], 2.0 * row[2][:n], 6.0 * row[3][:n]) for row in q]
     right = [State(way, row[1][n:], 2.0 * row[2][n:], 6.0 * row[3][n:]) for row, way in zip(q, moved, strict=True)]
     out: list[Any] = [None] * len(q)
-    hermite.python(left, right, 1.0, out)
+    connect: Any = hermite.python  # plain arithmetic, which also accepts arrays
+    connect(left, right, 1.0, out)
     shape, origin = tip.shape.copy(), tip.origin.copy()
     arc = tip.kind == ARC
     if arc.any():
@@ -217,7 +223,7 @@ _HULL = np.array([[comb(k, j) / comb(7, j) if j <= k else 0.0 for j in range(8)]
 
 
 def _square(shape: np.ndarray) -> np.ndarray:
-    """Return the Bernstein coefficients of |dr/dξ|² of polynomials, shape (n, 13), from their coefficients (n, N, 8)."""
+    """Return the Bernstein coefficients of |dr/dξ|², shape (n, 13), of polynomials with the coefficients (n, N, 8)."""
     slope = shape[:, :, 1:] * np.arange(1.0, 8.0)
     square = np.zeros((len(shape), _DEGREE + 1))
     for i in range(7):

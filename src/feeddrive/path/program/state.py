@@ -132,7 +132,8 @@ class State:
 
     def __init__(self, parameters: Parameters, user_inch: bool, kinematics: Kinematics | None = None) -> None:
         self.parameters = parameters
-        self.kinematics, self.tool_point, self.aims = kinematics, None, False
+        self.kinematics, self.aims = kinematics, False
+        self.tool_point: Kinematics | None = None
         self.user_inch = user_inch
         self.inch = False
         self.position = [0.0] * 9

@@ -110,7 +110,8 @@ WINDOW = 400  # number of pieces
 _KEPT = 0.6  # of the length of a window becomes final
 HORIZON = 0.05
 """The longest part of a plateau that becomes final at once when the feed factor may change, s."""
-_SLOWER = (0.97, 0.9, 0.75, 0.5, 0.25)  # shares of the speed to which a motion brakes if it cannot be planned from there
+# shares of the speed to which a motion brakes if it cannot be planned from there
+_SLOWER = (0.97, 0.9, 0.75, 0.5, 0.25)
 _CAPS = 8  # largest number of trial speeds to brake to
 
 
