@@ -87,6 +87,16 @@ def test_a_positive_angle_turns_the_tool_right_handed_relative_to_the_workpiece(
         assert np.array(machine.tool_axis((quarter, quarter))) == pytest.approx([0.0, 1.0, 0.0], abs=1e-15)
 
 
+def test_a_reversed_joint_counts_the_other_way() -> None:
+    tip, rotary = drawn(20)
+    points = (point(), point(), point(), 0.1)
+    for build, letters in ((Kinematics.table_table, "AC"), (Kinematics.head_head, "CA"), (Kinematics.head_table, "AC")):
+        plain, turned = build(letters, *points), build(letters, *points, reversed_joints="A")
+        counted = np.array([-rotary[0], rotary[1]])
+        assert np.array(turned.linear(tip, rotary)) == pytest.approx(np.array(plain.linear(tip, counted)), abs=1e-15)
+        assert np.array(turned.tool_axis(rotary)) == pytest.approx(np.array(plain.tool_axis(counted)), abs=1e-15)
+
+
 def test_at_rotary_zero_the_tip_is_the_joints_less_the_tool() -> None:
     for machine in MACHINES.values():
         tip = np.array([0.01, 0.02, 0.03])

@@ -64,8 +64,14 @@ CASES = {
 }
 
 
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The folder of the component, and that of the runs, which share what was compiled."""
+    return tmp_path_factory.mktemp("component"), tmp_path_factory.mktemp("run")
+
+
 @pytest.mark.parametrize("module", CASES)
-def test_joints_and_tip_are_those_of_linuxcnc(module: str, tmp_path: Path) -> None:
+def test_joints_and_tip_are_those_of_linuxcnc(module: str, folders: tuple[Path, Path]) -> None:
     numbers, kinematics = CASES[module]
     table = module != "5axiskins"
     rng = np.random.default_rng(29)
@@ -79,10 +85,9 @@ def test_joints_and_tip_are_those_of_linuxcnc(module: str, tmp_path: Path) -> No
     # the tool's length is added to the programmed z before a table's kinematics see it
     added = np.array([0.0, 0.0, LENGTH if table else 0.0])[:, None]
     world = np.stack([*(tip + added), *(np.zeros(n) if k is None else degrees[k] for k in letters)])
-    component = tmp_path / "component"
-    component.mkdir()
-    (component / "kinscall.comp").write_text(CALLER, encoding="utf-8")
-    (tmp_path / "run").mkdir()
+    component, run = folders
+    if not (component / "kinscall.comp").exists():
+        (component / "kinscall.comp").write_text(CALLER, encoding="utf-8")
     pins = [*(f"j{i}" for i in range(6)), *(f"w{i}" for i in range(6))]
     taken = [*(f"tip{i}" for i in range(6)), *(f"joint{i}" for i in range(6))]
     wiring = [
@@ -96,7 +101,7 @@ def test_joints_and_tip_are_those_of_linuxcnc(module: str, tmp_path: Path) -> No
     ]
     ran = halrun(
         [component / "kinscall.comp"],
-        tmp_path / "run",
+        run,
         1_000_000,
         wiring,
         np.vstack([joints, world]).T,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -195,6 +196,30 @@ def test_the_free_joint_moves_along_the_way_and_is_held_where_nothing_follows() 
     assert c.tolist() == [c[2]] * 3
 
 
+def test_rows_of_no_block_and_of_one() -> None:
+    assert choose_rotary(AC, np.zeros((3, 0))).rotary.shape == (2, 0)
+    assert unwound(np.zeros(0)).shape == (0,)
+    offset = AC.with_travel({"C": (1.0, 9.0)})
+    assert choose_rotary(offset, np.array([0.0, 0.0, 1.0])).rotary.tolist() == [[0.0], [1.0]]
+
+
+def test_a_way_that_goes_back_and_a_speed_of_zero_are_refused() -> None:
+    axis = tool_axis(np.array([0.2, 0.0, 0.2]), np.array(0.0))
+    for way in ([0.0, 0.2, 0.1], [0.0, 1.0], [0.0, math.nan, 1.0]):
+        with pytest.raises(ParameterError, match="the way must have a position for each of the 3 blocks"):
+            choose_rotary(AC, axis, way=np.array(way))
+    with pytest.raises(ParameterError, match="speeds of the rotary joints must be above 0, not 1, 0"):
+        choose_rotary(AC, axis, speeds=(1, 0))
+
+
+def test_the_other_joint_keeps_its_turns_within_the_cone() -> None:
+    """A travel of 300 to 420 degrees holds the pole at 360."""
+    machine = AC.with_travel({"A": (300.0 * DEGREE, 420.0 * DEGREE)})
+    x = np.array([-0.2, -0.001, 0.001, 0.2])
+    chosen = choose_rotary(machine, np.array([x, 0.0 * x, np.sqrt(1.0 - x * x)]), cone=0.01)
+    assert np.abs(chosen.rotary[0] - TURN) == pytest.approx(np.abs(np.arcsin(x)), abs=1e-12)
+
+
 def test_a_pole_that_the_travel_of_the_other_joint_ends_at() -> None:
     """A from 0 to 100 degrees cannot change its sign: in the cone the tool axis would be off by twice its tilt."""
     one_sided = AC.with_travel({"A": (0.0, 100.0 * DEGREE)})
@@ -296,8 +321,7 @@ def test_interpolation_by_axes_moves_the_joints_straight() -> None:
 
 
 @pytest.mark.parametrize("interpolate", [interpolate_vector, interpolate_plane])
-def test_opposite_tool_axes_have_no_plane(interpolate: object) -> None:
-    assert callable(interpolate)
+def test_opposite_tool_axes_have_no_plane(interpolate: Callable[..., np.ndarray]) -> None:
     a, b = np.array([[1.0], [0.0], [0.0]]), np.array([[-1.0], [0.0], [0.0]])
     near = np.array([[-math.cos(0.7e-6)], [math.sin(0.7e-6)], [0.0]])
     far = np.array([[-math.cos(1.5e-6)], [math.sin(1.5e-6)], [0.0]])

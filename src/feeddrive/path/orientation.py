@@ -68,10 +68,15 @@ def choose_rotary(
     way     position of each block along the path, over which the free joint moves in the cone; absent: block by block
     speeds  speeds of the joints, by which their moves are compared
 
-    Raises UnreachableError for a tool axis that the joints or their travel do not reach.
+    Raises UnreachableError for a tool axis that the joints or their travel do not reach, and ParameterError for a way
+    that goes back and for speeds that are not above 0.
     """
     t = unit_vectors(axis)
     blocks = t.shape[1]
+    if way is not None and (np.shape(way) != (blocks,) or not np.all(np.diff(way) >= 0.0)):
+        raise ParameterError(f"the way must have a position for each of the {blocks} blocks, none before the last one")
+    if not all(speed > 0.0 for speed in speeds):
+        raise ParameterError(f"the speeds of the rotary joints must be above 0, not {', '.join(map(str, speeds))}")
     branches = kinematics.rotary(t)
     free, joints = branches.free, kinematics.joints
     pole = np.array(joints[free].direction)
@@ -299,7 +304,8 @@ def _cross_poles(
     if outside.size:
         rotary[free, blocks] = np.interp(place[blocks], place[outside], rotary[free, outside])
     else:
-        rotary[free, blocks] = 0.0 if start is None else start[free]
+        held = kinematics.joints[free]
+        rotary[free, blocks] = np.clip(0.0 if start is None else start[free], held.least, held.most)
     other = 1 - free
     joint = kinematics.joints[other]
     nearest = kinematics.nearest_tilt(t[:, blocks], rotary[free, blocks])
@@ -322,6 +328,8 @@ def unwound(
     equivalent in the travel, and for one that is wound beyond 1e6 degrees.
     """
     wanted = np.ascontiguousarray(angle, dtype=float)
+    if not wanted.size:
+        return wanted
     out = np.empty_like(wanted)
     begin = float(np.clip(wanted[0] if start is None else start, least, most))
     reached = unwind(wanted, begin, least - _END, most + _END, out)
