@@ -24,7 +24,7 @@ import numpy as np
 
 from feeddrive.language.series import Taylor
 from feeddrive.path.geometry.segments import State, hermite, part_of
-from feeddrive.path.motion import ARC, LINE, PACED, Pieces, TipColumns
+from feeddrive.path.motion import ARC, LINE, PACED, ArcAxis, Pieces, TipColumns, line_shapes
 
 _TURN = 0.3  # rad, largest change of the angles on a piece
 _HALVINGS, _TURNS = 12, 40  # largest number of halvings of a piece for its distance, and for its change of angles
@@ -85,7 +85,8 @@ def _rows(pieces: Pieces, which: np.ndarray) -> Pieces:
 def _turns(pieces: Pieces, tool: TipColumns) -> np.ndarray:
     """Bound the change of the angles on each piece, rad."""
     shape = pieces.shape[:, list(tool.rotary)]
-    ways = np.where((pieces.kind == ARC)[:, None], shape[:, :, 2] * pieces.length[:, None], np.abs(shape).sum(axis=2))
+    along = _arcs(shape).slope * pieces.length[:, None]
+    ways = np.where((pieces.kind == ARC)[:, None], along, np.abs(shape).sum(axis=2))
     return np.abs(ways).sum(axis=1)
 
 
@@ -108,29 +109,27 @@ def _halved(
 
 def parts(pieces: Pieces, start: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return origin and shape of the part of each piece that begins at the share `start` and has the share `size`."""
-    axes = pieces.shape.shape[1]
     whole = size == 1.0
-    shape = np.stack(shifted(pieces.shape, start[:, None], size[:, None]), axis=2)
-    first = shape[:, :, 0].copy()
-    shape[:, :, 0] = 0.0
+    first, *others = shifted(pieces.shape, start[:, None], size[:, None])
+    shape = np.stack([np.zeros_like(first), *others], axis=2)
     arc = pieces.kind == ARC
     if arc.any():
-        e1, e2, slope, kappa = (pieces.shape[arc, :, k] for k in range(4))
+        e1, e2, slope, kappa = _arcs(pieces.shape[arc])
         x = (start[arc] * pieces.length[arc])[:, None]
         s, v = np.sin(kappa * x), 2.0 * np.sin(0.5 * kappa * x) ** 2
         c = 1.0 - v
         first[arc] = e2 * s - e1 * v + slope * x
-        turned = np.zeros((int(arc.sum()), axes, 8))
-        turned[:, :, 0], turned[:, :, 1], turned[:, :, 2], turned[:, :, 3] = (
-            e1 * c + e2 * s,
-            e2 * c - e1 * s,
-            slope,
-            kappa,
-        )
-        shape[arc] = turned
+        turned = np.stack([e1 * c + e2 * s, e2 * c - e1 * s, slope, kappa], axis=2)
+        shape[arc] = np.pad(turned, ((0, 0), (0, 0), (0, 4)))
     shape[whole] = pieces.shape[whole]
     first[whole] = 0.0
     return pieces.origin + first, shape
+
+
+def _arcs(shape: np.ndarray) -> ArcAxis:
+    """Return the shapes of arcs, (n, N, 8), by their names, each of shape (n, N)."""
+    columns: Any = np.moveaxis(shape, -1, 0)[:4]
+    return ArcAxis(*columns)
 
 
 def shifted(shape: np.ndarray, begin: np.ndarray | float, size: np.ndarray | float) -> list[np.ndarray]:
@@ -148,7 +147,7 @@ def ways(pieces: Pieces, share: float) -> np.ndarray:
         out = (out + pieces.shape[:, :, k]) * share
     arc = pieces.kind == ARC
     if arc.any():
-        e1, e2, slope, kappa = (pieces.shape[arc, :, k] for k in range(4))
+        e1, e2, slope, kappa = _arcs(pieces.shape[arc])
         x = (share * pieces.length[arc])[:, None]
         out[arc] = e2 * np.sin(kappa * x) - e1 * 2.0 * np.sin(0.5 * kappa * x) ** 2 + slope * x
     return out
@@ -165,7 +164,7 @@ def series(pieces: Pieces, share: float, order: int = 3) -> list[np.ndarray]:
         terms = [shape[:, :, k:] @ [float(comb(j, k)) for j in range(k, 8)] for k in range(1, order + 1)]
     arc = pieces.kind == ARC
     if arc.any():
-        e1, e2, slope, kappa = (shape[arc, :, k] for k in range(4))
+        e1, e2, slope, kappa = _arcs(shape[arc])
         length = pieces.length[arc][:, None]
         turn = kappa * length
         s, c = np.sin(turn * share), np.cos(turn * share)
@@ -191,24 +190,24 @@ def _joints(tip: Pieces, tool: TipColumns) -> Pieces:
     moved = tool.kinematics.linear_change(
         *([table[:, k] for k in columns] for columns in (linear, rotary) for table in (tip.origin, whole))
     )
-    left = [State(0.0, row[1][:n], 2.0 * row[2][:n], 6.0 * row[3][:n]) for row in q]
-    right = [State(way, row[1][n:], 2.0 * row[2][n:], 6.0 * row[3][n:]) for row, way in zip(q, moved, strict=True)]
+    left, right = list[Any](), list[Any]()
+    for (_, first, second, third), way in zip(q, moved, strict=True):
+        left.append(State(0.0, first[:n], 2.0 * second[:n], 6.0 * third[:n]))
+        right.append(State(way, first[n:], 2.0 * second[n:], 6.0 * third[n:]))
     out: list[Any] = [None] * len(q)
     connect: Any = hermite.python  # plain arithmetic, which also accepts arrays
     connect(left, right, 1.0, out)
     shape, origin = tip.shape.copy(), tip.origin.copy()
     arc = tip.kind == ARC
     if arc.any():
-        straight = np.zeros((int(arc.sum()), axes, 8))
-        straight[:, :, 1] = tip.shape[arc, :, 2] * tip.length[arc, None]
-        shape[arc] = straight
+        shape[arc] = line_shapes(_arcs(tip.shape[arc]).slope * tip.length[arc, None])
     for column, row, coefficients in zip(linear, q, out, strict=True):
         origin[:, column] = row[0][:n]
         for k in range(8):
             shape[:, column, k] = coefficients[k]
     # a line on which nothing but the tip moves is a line of the joints
     others = np.delete(np.arange(axes), linear)
-    still = (tip.kind == LINE) & ~np.any(tip.shape[:, others, 1], axis=1)
+    still = (tip.kind == LINE) & ~np.any(tip.shape[:, others], axis=(1, 2))
     shape[still, :, 2:] = 0.0
     return Pieces(np.where(still, LINE, PACED), tip.length, origin, shape, tip.feed, tip.line)
 
@@ -237,7 +236,7 @@ def fastest(tip: Pieces, counted: Sequence[int]) -> np.ndarray:
     most = np.max(_square(tip.shape[:, list(counted)]), axis=1)
     arc = tip.kind == ARC
     if arc.any():
-        e1, e2, slope, kappa = (tip.shape[arc][:, list(counted), k] for k in range(4))
+        e1, e2, slope, kappa = _arcs(tip.shape[arc][:, list(counted)])
         e1, e2 = kappa * e1, kappa * e2
         one, two, skew = (np.einsum("na,na->n", a, b) for a, b in ((e1, e1), (e2, e2), (e1, e2)))
         # the larger eigenvalue of the Gram matrix bounds |e2 cos θ - e1 sin θ|² at any θ
@@ -266,7 +265,7 @@ def beyond(joints: Pieces, travel: Sequence[tuple[float, float] | None], columns
     reach = np.abs(joints.shape).sum(axis=2)
     low, high = joints.origin - reach, joints.origin + reach
     ends = np.array([travel[column] for column in limited]) + np.array([-ROUNDING, ROUNDING])
-    near = np.any((low[:, limited] < ends[:, 0]) | (high[:, limited] > ends[:, 1]), axis=1)
+    near = np.any((low[:, limited] < ends.min(axis=1)) | (high[:, limited] > ends.max(axis=1)), axis=1)
     for piece in np.flatnonzero(near).tolist():
         one = _rows(joints, np.full(_HULLS, piece))
         values, shape = parts(one, np.arange(_HULLS) / _HULLS, np.full(_HULLS, 1.0 / _HULLS))
