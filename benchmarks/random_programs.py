@@ -1,7 +1,8 @@
 """Random part programs of six kinds, planned and proven; each that does not hold is a line.
 
-    python benchmarks/random_programs.py [--first 0] [--count 100000] [--seed 13]
+    python benchmarks/random_programs.py [--first 0] [--count 100000] [--seed 13] [--tip]
 
+`--tip` takes five-axis programs of the tip of a tool (`tests/path/tip_paths.py`) in place of those of axes.
 Program k of a seed is always the same one: two processes share the work by `--first`.
 """
 
@@ -12,21 +13,36 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
+
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "path"))
 
 check_random = import_module("paths").check_random
+
+
+def check_tip(program: int, seed: int) -> tuple[int, int]:
+    """Check a program of the tip; return the numbers of its moves and of its pieces."""
+    tip_paths = import_module("tip_paths")
+    drawn = tip_paths.drawn(np.random.default_rng([seed, program]))
+    outcome = tip_paths.look(drawn)
+    if outcome.wrong:
+        raise RuntimeError(outcome.wrong)
+    return len(drawn.moves), outcome.pieces
+
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--count", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=13)
+    parser.add_argument("--tip", action="store_true")
     asked = parser.parse_args()
+    check = check_tip if asked.tip else check_random
     failed = moves = spans = 0
     for done in range(1, asked.count + 1):
         program = asked.first + done - 1
         try:
-            made, looked = check_random(program, asked.seed)
+            made, looked = check(program, asked.seed)
             moves, spans = moves + made, spans + looked
         except Exception as error:  # whatever it is, it counts
             failed += 1

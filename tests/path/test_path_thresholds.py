@@ -47,6 +47,7 @@ from feeddrive.path.schedule.plan import timed
 from feeddrive.path.schedule.ramp import pieces_room
 from feeddrive.path.schedule.run import SHARES, Schedule, override, plan_run
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill, causes
+from feeddrive.path.tip_proof import TipProver
 
 AXIS = AxisLimits(velocity=0.5, acceleration=5.0, jerk=100.0, snap=5e4)
 AXES = MachineLimits({"X": AXIS, "Y": AXIS, "Z": AXIS})
@@ -437,7 +438,7 @@ def test_a_standstill_comes_in_blocks_of_16384_samples() -> None:
 
 
 def samples(first: int, count: int) -> Samples:
-    return Samples(first, np.zeros((count, 3, 5)), np.zeros(count, np.int64), np.zeros(count), True)
+    return Samples(first, np.zeros((count, 3, 5)), np.zeros(count, np.int64), *np.zeros((2, count)), True)
 
 
 @pytest.mark.parametrize(("count", "intervals"), [(16_000, 16_000), (17_000, 8_500)])
@@ -451,7 +452,7 @@ def test_a_course_has_at_most_16384_intervals(count: int, intervals: int) -> Non
 def test_a_plan_lists_a_thousand_stops_and_counts_all() -> None:
     class Stopping:
         limits, sample_time, samples, time, blocks, runs = AXES, 1e-3, 0, 0.0, 0, 0
-        prover, seconds = Prover(LIMITS), dict[str, float]()
+        prover, tip, seconds = Prover(LIMITS), TipProver(), dict[str, float]()
         losses, settings = FeedLossRecorder(LIMITS, AXES.causes[:12], 1e-3), DEFAULT
         stops: tuple[Standstill, ...] | list[Standstill] = ()
 

@@ -134,7 +134,7 @@ def test_the_course_holds_the_extremes_of_all_samples(tmp_path: Path) -> None:
     for samples in setpoints.Setpoints(read_program(part(tmp_path)), limits, 9e-5):
         values.append(samples.values)
         for cut in np.array_split(np.arange(len(samples.values)), 7):
-            rows = (samples.values[cut], samples.line[cut], samples.feed[cut])
+            rows = (samples.values[cut], samples.line[cut], samples.feed[cut], samples.speed[cut])
             recorder.add(setpoints.Samples(samples.first, *rows, True))
     course, whole = recorder.course(9e-5), np.concatenate(values)
     assert len(whole) > 2 * 8192
@@ -168,7 +168,7 @@ resolution_mdeg = 1e3
 def test_rotary_axes_move_with_the_linear_ones(tmp_path: Path) -> None:
     """The feed is along X, of A alone in degrees; 20 mm at 100 mm/min, 90 deg at 360 deg/min, G93 2/min, and 6 ramps.
 
-    A tolerance below the resolution of A, 1 deg, is none of X.  A ramp costs some 20 ms.
+    A tolerance below the resolution of A, 1 deg, is none of X.  A ramp costs some 20 ms.  A turns back within 0.05 deg.
     """
     limits, out = tmp_path / "limits.toml", tmp_path / "out"
     limits.write_text(LIMITS.format("resolution_um = 1") + ROTARY, encoding="utf-8")
@@ -179,7 +179,7 @@ def test_rotary_axes_move_with_the_linear_ones(tmp_path: Path) -> None:
     assert "% of 360 deg/s" in found.table().rows[1][1]
     log = fd.read_log(out / "setpoints.parquet")
     assert [log.units[f"a.set_{name}"] for name in ("position", "velocity", "snap")] == ["rad", "rad/s", "rad/s4"]
-    assert log["a.set_position"].max() == pytest.approx(np.radians(270.0), abs=1e-5)  # P
+    assert log["a.set_position"].max() == pytest.approx(np.radians(270.0), abs=np.radians(0.05))
     rows = np.loadtxt(out / "streamer.txt")
     np.testing.assert_allclose(rows[:, 1], np.degrees(log["a.set_position"]), atol=1e-9)
     stop = json.loads((out / "plan.json").read_text())["stops"][0]

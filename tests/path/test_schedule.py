@@ -10,10 +10,10 @@ import pytest
 from paths import LIMITS, arc, lines, random_curve, random_limits, square
 
 from feeddrive.path.geometry.joints import joined
-from feeddrive.path.motion import Motion, Part, Pieces, derivatives, piece_of
+from feeddrive.path.motion import Motion, Part, Pieces, Section, derivatives, part_of_pieces, piece_of
 from feeddrive.path.proof import Proof, Prover
 from feeddrive.path.schedule.ramp import bounds, boxcars, cube_root
-from feeddrive.path.schedule.run import plan_run
+from feeddrive.path.schedule.run import Schedule, plan_run
 from feeddrive.path.setpoints import Sampler
 
 
@@ -302,3 +302,26 @@ def test_the_samples_do_not_depend_on_the_sample_time():
     part = Part(runs[0], plan_run(runs[0], LIMITS), True)
     fine, coarse = Sampler(1e-4).sample(part), Sampler(1e-3).sample(part)
     assert np.abs(fine[::10][: len(coarse)] - coarse).max() <= 1e-6  # of snap, m/s⁴: rounding of the instants
+
+
+def test_a_motion_that_cannot_be_planned_from_its_speed_brakes_and_does_not_stop() -> None:
+    """Caps that fall by 0.1 % from piece to piece lie below the speed at the start of a window: it was followed to its
+    stop, and a run of 900 mm came to rest 320 mm before its end."""
+    count, length = 900, 1e-3
+    feed = 0.1 * np.minimum(1.0, 1.001 ** -(np.arange(count) - 500.0))
+    ways = np.zeros((count, 3))
+    ways[:, 0] = length
+    shape = np.zeros((count, 3, 8))
+    shape[:, 0, 1] = length
+    origin = np.zeros((count, 3))
+    origin[:, 0] = length * np.arange(count)
+    pieces = Pieces(np.full(count, 2), np.full(count, length), origin, shape, feed, np.arange(count))
+    limits = np.array([[0.5, 0.1, 1.0, 1e3]] * 3)
+    schedule, prover, speeds = Schedule(limits), Prover(limits), list[np.ndarray]()
+    for first in range(0, count, 300):
+        some = part_of_pieces(pieces, first, first + 300)
+        for part in schedule.add(Section(some, first + 300 == count)):
+            assert isinstance(part, Part)
+            assert prover.prove(part)
+            speeds.append(part.motion.speed)
+    assert np.count_nonzero(np.concatenate(speeds) == 0.0) == 1

@@ -457,6 +457,7 @@ ELSEWHERE = {
     "plot/test_plot_uncertainty.py": "estimates overlay",
     "analysis/test_poles_and_step.py": "plane damping step_response",
     "path/test_plan_command.py": "planned plan_causes plan_losses plan_profiles",
+    "path/test_tip.py": "plan_joints",
     "workflow/test_setpath.py": "corrected corrected_path learned",
     "workflow/test_travel_command.py": "travel",
     "studio/test_studio_pictures.py": "moves snap",

@@ -47,8 +47,9 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.path.five_axes import FiveAxes, HeadHead, HeadTable, TableTable
+from feeddrive.path.geometry.weights import ROTARY
 from feeddrive.path.kinematics import LINEAR, Kinematics
-from feeddrive.path.limits import LETTERS, ROTARY, AxisLimits, MachineLimits
+from feeddrive.path.limits import LETTERS, AxisLimits, MachineLimits
 
 BUNDLED = Path(__file__).parent / "bundled"
 
@@ -385,7 +386,7 @@ def _check_joints(section: MachineSection, loops: Mapping[str, Loop], five_axes:
             )
 
 
-def find_bundled(path: str | Path, folder: str) -> Path:
+def find_bundled(path: str | Path, folder: str, suffix: str = ".toml") -> Path:
     """Return the path if it exists or has a suffix, otherwise the path of the bundled file of that name. Raise
     FileError.
     """
@@ -393,10 +394,10 @@ def find_bundled(path: str | Path, folder: str) -> Path:
     # A name with a suffix is meant as a file, so that a typing error is not answered by a bundled machine.
     if file.exists() or file.suffix:
         return file
-    bundled = BUNDLED / folder / f"{file.name}.toml"
+    bundled = BUNDLED / folder / f"{file.name}{suffix}"
     if bundled.exists():
         return bundled
-    names = sorted(bundled_file.stem for bundled_file in (BUNDLED / folder).glob("*.toml"))
+    names = sorted(bundled_file.stem for bundled_file in (BUNDLED / folder).glob(f"*{suffix}"))
     raise FileError(f"{file}: there is no such file, and no bundled one of that name{nearest(file.name, names)}")
 
 
@@ -421,7 +422,7 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
                 raise axis.error(f"axis '{name}' is none that is planned: {', '.join(LETTERS.lower())}")
         stated = {name: axis.limits for name, axis in section.axis.items()}
     if machine is None:
-        return MachineLimits({name.upper(): axis_limits for name, axis_limits in stated.items()})
+        return _machine_limits({name.upper(): axis_limits for name, axis_limits in stated.items()}, str(limits))
     planned: dict[str, AxisLimits] = {}
     for name, loop in machine.loops.items():
         # In part programs A, B and C are angles and all other letters lengths: other axes cannot be programmed.
@@ -440,7 +441,24 @@ def planned_limits(machine: MachineFile | None, limits: str | Path | None) -> Ma
             f"{machine.file.name}: a part program moves axes with the names x y z u v w, and a b c if they turn, and "
             f"there is none; there are: {', '.join(machine.loops)}"
         )
-    return MachineLimits(planned)
+    return _machine_limits(planned, machine.file.name if limits is None else f"{machine.file.name}, {limits}")
+
+
+def planned_kinematics(machine: MachineFile | None, limits: MachineLimits) -> Kinematics | None:
+    """Return the kinematics of a machine with the travel of the planned limits; None for a machine without."""
+    kinematics = None if machine is None else machine.kinematics
+    if kinematics is None or any(letter not in limits.letters for letter in kinematics.letters):
+        return None
+    ends = {letter: (-math.inf, math.inf) if ends is None else ends for letter, ends in limits.travel.items()}
+    return kinematics.with_travel(ends)
+
+
+def _machine_limits(axes: Mapping[str, AxisLimits], files: str) -> MachineLimits:
+    """Return the limits of axes; raise ParameterError, with the names of their files, if they do not fit the axes."""
+    try:
+        return MachineLimits(axes)
+    except ParameterError as error:
+        raise ParameterError(f"{files}: {error}") from None
 
 
 def _resolution(loop: Loop) -> float | None:

@@ -68,7 +68,7 @@ from feeddrive.blocks.cutting.engagement import arc
 from feeddrive.blocks.families import Coupling, Cutter
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.columns import Column
-from feeddrive.files.machine import BUNDLED, MachineFile, planned_limits
+from feeddrive.files.machine import BUNDLED, MachineFile, planned_kinematics, planned_limits
 from feeddrive.files.read_log import OpenedFile, read_log
 from feeddrive.files.run_files import parquet_stream, run_stream
 from feeddrive.files.section import Section, file_name, named
@@ -78,10 +78,12 @@ from feeddrive.language.errors import FeeddriveError, NotPlannedError, Parameter
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import samples
-from feeddrive.path.limits import ROTARY, MachineLimits
+from feeddrive.path.geometry.weights import ROTARY
+from feeddrive.path.limits import MachineLimits
 from feeddrive.path.planned import FEW, Planned, planned_of
+from feeddrive.path.program.blocks import BlockError, located
 from feeddrive.path.program.dialects import DIALECTS
-from feeddrive.path.program.moves import Arc, Move, Spindle, Spline, Straight, ToolChange
+from feeddrive.path.program.moves import Arc, Move, Spindle, Spline, Straight, ToolChange, ToolPoint
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof import DERIVATIVES, WIDENED
 from feeddrive.path.purpose import PURPOSES, settings, with_tolerance
@@ -504,6 +506,8 @@ def plan_record(plan: Planned) -> dict[str, Any]:
         }
         for letter, limits, shares in zip(plan.limits.letters, plan.limits.array, proof.use, strict=True)
     }
+    tolerances = zip(plan.limits.letters, plan.limits.angle_tolerances, strict=True)
+    angles = {letter: float(tolerance) for letter, tolerance in tolerances if letter in ROTARY}
     return {
         "program": plan.program,
         "machine": plan.machine,
@@ -513,7 +517,7 @@ def plan_record(plan: Planned) -> dict[str, Any]:
         "runs": plan.runs,
         "sample_time_s": plan.sample_time,
         "samples": plan.samples,
-        "violations": proof.count,
+        "violations": plan.violations,
         "proof": {
             "widened": WIDENED,
             "spans": proof.spans,
@@ -529,6 +533,8 @@ def plan_record(plan: Planned) -> dict[str, Any]:
             "replaced_by_options": list(plan.settings.options),
         },
         "limits": uses,
+        **_tip(plan),
+        **({"angle_tolerance_rad": angles} if angles else {}),
         "seconds_by_cause": dict(plan.seconds),
         "feed": _feed(plan),
         "stop_count": plan.stop_count,
@@ -574,6 +580,18 @@ def _feed(plan: Planned) -> dict[str, Any]:
     }
 
 
+def _tip(plan: Planned) -> dict[str, Any]:
+    """Return what is proven of the tip of the tool; empty if the program never moves it."""
+    tip = plan.tip
+    if tip is None:
+        return {}
+    return {
+        "tip_deviation_m": tip.deviation,
+        "tip_angle_rad": tip.angle,
+        "tip_proof": {"pieces": tip.pieces, "faults": tip.faults, "deviation_of_joint_polynomials_m": tip.mapped},
+    }
+
+
 def _stop(letters: str, stop: Standstill) -> dict[str, Any]:
     place = {letter: float(x) for letter, x in zip(letters, stop.position, strict=True)}
     turned = {letter: place.pop(letter) for letter in letters if letter in ROTARY}
@@ -589,7 +607,7 @@ def _stop(letters: str, stop: Standstill) -> dict[str, Any]:
 
 def write_plan(folder: Path, plan: Planned) -> None:
     """Write `plan.json`, and remove the setpoint files if the plan is not proven."""
-    proven = plan.proof.count == 0
+    proven = plan.violations == 0
     # An unproven motion must not be loaded into a controller.
     for name in () if proven else (SETPOINTS, STREAMER, HAL, STOPS):
         (folder / name).unlink(missing_ok=True)
@@ -725,11 +743,13 @@ def planned_program(
         tables_inch=section.tables_inch,
         skip_deleted=section.skip_deleted,
         dialect=section.dialect,  # type: ignore[arg-type]
+        kinematics=planned_kinematics(machine, limits),
     )
     # Closing ends the generator that reads the program, also after an error of the planner.
     with closing(moves):
         cut_process = None if process is None else process_of(process, program)
-        stated = moves if used.tolerance is None else with_tolerance(moves, used.tolerance)
+        of_axes = _of_axes(moves)
+        stated = of_axes if used.tolerance is None else with_tolerance(of_axes, used.tolerance)
         noted = stated if cut_process is None else cut_process.spindle.noted(stated)
         setpoints = Setpoints(noted, limits, T, None, used)
 
@@ -772,6 +792,18 @@ def planned_program(
         cuts,
         cut_process,
     )
+
+
+def _of_axes(moves: Iterable[Move]) -> Iterator[Move]:
+    """Yield the moves; refuse those of the tip of the tool, whose error a job does not judge."""
+    for move in moves:
+        if isinstance(move, ToolPoint):
+            reason = (
+                "a job compares each axis with its path and cuts with an upright tool, while G43.4 and G43.5 move the "
+                "tip of a tilted one: take feeddrive plan, which writes setpoints of all axes"
+            )
+            raise located(move.source, BlockError(reason, "G"))
+        yield move
 
 
 def _cutting(cuts: Sequence[Cut], times: np.ndarray) -> np.ndarray:

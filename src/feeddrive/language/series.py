@@ -1,4 +1,4 @@
-"""Numbers that are made of numbers: truncated Taylor series, a number with its change, and intervals.
+"""Numbers that are made of numbers: truncated Taylor series, a number with its change, intervals, and magnitudes.
 
 They pass through the same text as floats and arrays, if it uses only + - * and `ops.sin` and `ops.cos`, as the
 kinematics of a machine do (`path/kinematics.py`).  Their parts may be floats, arrays or composite numbers themselves:
@@ -216,3 +216,34 @@ class Interval(Composite):
 def _outward(low: Any, high: Any) -> Interval:
     """Return the interval with its ends moved outward by more than one rounding error."""
     return Interval(low - (_OUTWARD * np.abs(low) + _TINY), high + (_OUTWARD * np.abs(high) + _TINY))
+
+
+class Magnitude(Composite):
+    """A bound on |x|, an array or a float, that stays one in sums, products, sine and cosine.
+
+    Differences do not cancel: a bound is wide where the numbers are large, and costs a few operations.
+    """
+
+    def __init__(self, size: Any) -> None:
+        self.size = size
+
+    def __repr__(self) -> str:
+        return f"Magnitude({self.size})"
+
+    def __add__(self, other: Any) -> Magnitude:
+        return Magnitude(self.size + (other.size if isinstance(other, Magnitude) else abs(other)))
+
+    __radd__ = __sub__ = __rsub__ = __add__
+
+    def __neg__(self) -> Magnitude:
+        return self
+
+    def __mul__(self, other: Any) -> Magnitude:
+        return Magnitude(self.size * (other.size if isinstance(other, Magnitude) else abs(other)))
+
+    __rmul__ = __mul__
+
+    def waves(self) -> tuple[Magnitude, Magnitude]:
+        """Return the bounds of sine and cosine, which are 1."""
+        one = Magnitude(np.ones_like(self.size))
+        return one, one

@@ -180,6 +180,7 @@ class FeedLossRecorder:
         line: np.ndarray,
         shape: np.ndarray,
         factor: float = 1.0,
+        speed: np.ndarray | None = None,
     ) -> None:
         """Add the next samples.
 
@@ -188,9 +189,12 @@ class FeedLossRecorder:
         line    line of the program, shape (n,)
         shape   LINE, ARC, POLYNOMIAL or CORNER, shape (n,)
         factor  feed override
+        speed   speed that the feed bounds, m/s, shape (n,); None: that of all axes together
         """
+        if speed is None:
+            speed = np.sqrt(np.einsum("ij,ij->i", values[:, :, 1], values[:, :, 1]))
         programmed = feed / factor if factor > 0.0 else feed.copy()
-        self._batch.append((values, programmed, line, shape, np.full(len(feed), factor)))
+        self._batch.append((values, speed, programmed, line, shape, np.full(len(feed), factor)))
         self._waiting += len(feed)
         if self._waiting >= _AT_ONCE:
             self._evaluate()
@@ -199,11 +203,10 @@ class FeedLossRecorder:
         """Evaluate the samples of the batch."""
         if not self._batch:
             return
-        values, programmed, line, shape, factor = (
+        values, speed, programmed, line, shape, factor = (
             np.concatenate(columns) for columns in zip(*self._batch, strict=True)
         )
         self._batch, self._waiting = [], 0
-        speed = np.sqrt(np.einsum("ij,ij->i", values[:, :, 1], values[:, :, 1]))
         traverse = np.flatnonzero(np.isinf(programmed))
         if len(traverse):
             programmed[traverse] = self._quickest(values[traverse, :, 1], speed[traverse], 0)

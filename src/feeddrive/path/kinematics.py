@@ -213,6 +213,12 @@ class Kinematics:
         """The letters of all joints, such as XYZAC."""
         return LINEAR + self.rotary_letters
 
+    @property
+    def cosine_of_axes(self) -> float:
+        """The cosine of the angle between the axes of both rotary joints, which is the same in every position."""
+        first, second = self.joints
+        return sum(a * b for a, b in zip(first.direction, second.direction, strict=True))
+
     def with_tool(self, length: float) -> Kinematics:
         """Return the machine with a tool of a length, m, along the spindle."""
         return replace(self, tool=(self.tool[0], self.tool[1], -length))

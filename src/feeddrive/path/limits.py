@@ -26,17 +26,20 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.loop.guard import travel_rules
+from feeddrive.path.geometry.weights import ANGLE_TOLERANCE, ROTARY
 from feeddrive.path.program.blocks import BlockError, located
 from feeddrive.path.program.frame import FARTHEST
 from feeddrive.path.program.moves import Move, PathMode
 from feeddrive.path.proof import DERIVATIVES
 
-LETTERS, ROTARY = "XYZABCUVW", "ABC"
-"""The axis letters of a part program, and those of the rotary axes, whose positions are in rad instead of m."""
+LETTERS = "XYZABCUVW"
+"""The axis letters of a part program."""
 ROUNDING = 1e-12
 """The largest gap between consecutive positions that the proof accepts, and the smallest path tolerance, m."""
 LARGEST = 1.0
 """The largest path tolerance, m."""
+LEAST_ANGLE, LARGEST_ANGLE = 1e-9, math.radians(10.0)
+"""The smallest and the largest tolerance of a rotary axis, rad."""
 FEED, NONE, STANDSTILL = "feed", "no limit above half", "standstill"
 
 
@@ -51,6 +54,12 @@ class AxisLimits(Block):
     travel_most: Number | None = parameter("m", "upper end of the travel; absent for none", default=None)
     resolution: Number | None = parameter(
         "m", "of the position; absent: that of the axis's encoder", above=0, default=None
+    )
+    tolerance: Number | None = parameter(
+        "m",
+        "of a rotary axis where corners are rounded (G64 P is that of lengths); absent: 0.05 deg",
+        above=0,
+        default=None,
     )
 
     def rules(self) -> Iterator[Rule]:
@@ -72,6 +81,32 @@ class MachineLimits:
                 )
         if not self.axes:
             raise ParameterError("a plan needs the limits of at least one axis")
+        for letter, axis in self.axes.items():
+            self._check_tolerance(letter, axis)
+
+    @staticmethod
+    def _check_tolerance(letter: str, axis: AxisLimits) -> None:
+        """Raise ParameterError for a tolerance of an axis that is not rotary, is too large, or is not resolved."""
+        if axis.tolerance is None:
+            return
+        name, tolerance = f"axis '{letter.lower()}': limits.tolerance", Quantity(axis.tolerance, "rad")
+        if letter not in ROTARY:
+            raise ParameterError(
+                f"{name} is for axes that turn ({', '.join(ROTARY.lower())}): the program states that of linear axes "
+                "by G64 P, or --tolerance where it states none"
+            )
+        if axis.tolerance > LARGEST_ANGLE:
+            raise ParameterError(
+                Text(f"{name} = {tolerance:deg} is more than {Quantity(LARGEST_ANGLE, 'rad'):deg}: give a smaller one")
+            )
+        least = max(float(axis.resolution or 0.0), LEAST_ANGLE)
+        if axis.tolerance < least:
+            what = "the resolution of the axis" if axis.resolution == least else "what the planner resolves"
+            raise ParameterError(
+                Text(
+                    f"{name} = {tolerance:deg} is smaller than {what}, {Quantity(least, 'rad'):deg}: give a larger one"
+                )
+            )
 
     @property
     def letters(self) -> str:
@@ -109,6 +144,29 @@ class MachineLimits:
     def travel(self) -> dict[str, tuple[float, float] | None]:
         """The soft limits in the form `read_program` expects; a missing limit is replaced by -1e6 or 1e6 m."""
         return {letter: _travel(axis) for letter, axis in self.axes.items()}
+
+    @property
+    def angle_tolerances(self) -> np.ndarray:
+        """The tolerance of each rotary axis, rad, and infinity for linear axes, shape (N,)."""
+        return np.array(
+            [
+                math.inf
+                if letter not in ROTARY
+                else ANGLE_TOLERANCE
+                if axis.tolerance is None
+                else float(axis.tolerance)
+                for letter, axis in self.axes.items()
+            ]
+        )
+
+    def turning_within(self, tolerance: float) -> MachineLimits:
+        """Return the limits with the same tolerance, rad, for all rotary axes."""
+        return MachineLimits(
+            {
+                letter: replace(axis, tolerance=tolerance) if letter in ROTARY else axis
+                for letter, axis in self.axes.items()
+            }
+        )
 
     @property
     def causes(self) -> list[str]:

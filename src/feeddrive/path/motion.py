@@ -15,8 +15,9 @@ import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records, rows_for
+from feeddrive.path.kinematics import LINEAR, Kinematics
 
-LINE, ARC, POLYNOMIAL = 0, 1, 2
+LINE, ARC, POLYNOMIAL, PACED = 0, 1, 2, 3
 
 # π/2 as a sum of two numbers, the first of them so short that small multiples of it are exact
 _HALF_PI_HIGH = float.fromhex("0x1.921fb54400000p+0")
@@ -27,13 +28,15 @@ class Pieces(NamedTuple):
     """The n pieces of a path of N axes; in each piece 0 <= x <= length, and ξ = x / length.
 
         line, polynomial   r_i = origin_i + Σ_{k=1..7} shape_ik ξᵏ; a line has only k = 1
+        paced              a polynomial whose feed bounds u' and not |r'| u': the joints, while the tool's tip follows
+                           the program
         arc, helix         r_i = origin_i + E1_i (cos θ - 1) + E2_i sin θ + slope_i x,   θ = κ x
 
-    kind    LINE, ARC or POLYNOMIAL, shape (n,)
+    kind    LINE, ARC, POLYNOMIAL or PACED, shape (n,)
     length  m, shape (n,)
     origin  r(0), m, shape (n, N)
     shape   (n, N, 8), m; for an arc columns 0 to 3 are E1, E2, slope and κ in 1/m (same for each axis)
-    feed    the largest path speed |r'| u', m/s, shape (n,)
+    feed    the largest path speed |r'| u' (u' if paced), m/s, shape (n,)
     line    line number in the part program, shape (n,)
     """
 
@@ -81,6 +84,23 @@ class Limits(NamedTuple):
     snap: float
 
 
+class TipColumns(NamedTuple):
+    """The kinematics with the tool whose tip a path moves, and the columns of its axes among those of the machine.
+
+    linear, rotary  columns of the linear and of the rotary axes, in the order of the kinematics
+    """
+
+    kinematics: Kinematics
+    linear: tuple[int, ...]
+    rotary: tuple[int, ...]
+
+    @staticmethod
+    def of(kinematics: Kinematics, axes: str) -> TipColumns:
+        """Return the columns for the letters of a machine's axes."""
+        linear, rotary = (tuple(axes.index(x) for x in letters) for letters in (LINEAR, kinematics.rotary_letters))
+        return TipColumns(kinematics, linear, rotary)
+
+
 class Section(NamedTuple):
     """A section of a run: pieces that continue the previous section; `ends` is True if the run ends with it.
 
@@ -90,6 +110,20 @@ class Section(NamedTuple):
     pieces: Pieces
     ends: bool
     tolerance: float = 0.0
+
+
+def counted(pieces: Pieces, weights: np.ndarray | None) -> Pieces:
+    """Return pieces with each coordinate multiplied by the weight of its axis.
+
+    Rotary axes then have lengths, in which distances and directions of the path are measured.
+
+    weights  the length that counts for one m or rad of each axis, m, shape (N,); None: 1
+    """
+    if weights is None:
+        return pieces
+    # an arc has its curvature in column 3 of each axis, and nothing behind it
+    scales = np.where((np.arange(8) == 3) & (pieces.kind == ARC)[:, None, None], 1.0, weights[:, None])
+    return pieces._replace(origin=pieces.origin * weights, shape=pieces.shape * scales)
 
 
 def part_of_pieces(pieces: Pieces, first: int, last: int) -> Pieces:
@@ -261,9 +295,12 @@ class Part(NamedTuple):
     next run is `entering` at the same time, the following part continues from the position that the next run has then
     reached.
 
-    mode    path mode (`PathMode`) that requires the stop; empty if the joint has a tolerance, but cannot be passed
-            within it
-    factor  feed override that the feed of the pieces contains
+    mode     path mode (`PathMode`) that requires the stop; empty if the joint has a tolerance, but cannot be passed
+             within it
+    factor   feed override that the feed of the pieces contains
+    weights  the length that counts for one m or rad of each axis in path speeds (`Pieces.feed`) and distances, m, shape
+             (N,); None: 1
+    tip      the tool whose tip follows the program; None: the axes do
     """
 
     pieces: Pieces
@@ -272,6 +309,8 @@ class Part(NamedTuple):
     entering: Entering | None = None
     mode: str = ""
     factor: float = 1.0
+    weights: np.ndarray | None = None
+    tip: TipColumns | None = None
 
 
 class Pause(NamedTuple):

@@ -11,10 +11,13 @@ from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
 from feeddrive.path.feed_loss import FeedLoss
+from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.limits import MachineLimits
+from feeddrive.path.motion import TipColumns
 from feeddrive.path.proof import DERIVATIVES, Proof
 from feeddrive.path.purpose import Settings
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
+from feeddrive.path.tip_proof import TipProof
 
 _STRETCHES = 8192
 _PER = ("s", "s2", "s3", "s4")
@@ -66,10 +69,11 @@ class Recorder:
         if not len(values):
             return
         motion = values[:, :, 1:].reshape(len(values), -1)
-        speed = np.linalg.norm(values[:, :, 1], axis=1)
         # each row counts its samples: the last row of a group may be shorter, so the index alone gives no time
         one = np.ones(len(values))
-        self._left.append(np.column_stack([values[:, :, 0], speed, motion, motion, samples.feed, samples.line, one]))
+        self._left.append(
+            np.column_stack([values[:, :, 0], samples.speed, motion, motion, samples.feed, samples.line, one])
+        )
         self._waiting += len(values)
         if self._waiting >= max(self._every, _STRETCHES):
             self._gather()
@@ -133,6 +137,8 @@ class Planned(Result):
     course            reduced motion for plots
     loss              time lost against the feed, by cause
     settings          tolerance and dynamics that the plan was made with
+    tip               proof for the tip of the tool; None if the program never moves it (G43.4, G43.5)
+    kinematics        of the machine with the first tool whose tip is moved
     """
 
     program: str
@@ -151,6 +157,36 @@ class Planned(Result):
     course: Course
     loss: FeedLoss
     settings: Settings
+    tip: TipProof | None = None
+    kinematics: Kinematics | None = None
+
+    @property
+    def violations(self) -> int:
+        """The number of faults of the proofs: of the axes, and of the tip."""
+        return self.proof.count + (0 if self.tip is None else self.tip.faults)
+
+    @property
+    def tips(self) -> np.ndarray:
+        """The tip of the tool in the frame of the workpiece at the start of each interval of the course, m, (n, 3)."""
+        return self.tips_of(self.course.position)
+
+    def tips_of(self, positions: np.ndarray) -> np.ndarray:
+        """Return the tip of the tool in the frame of the workpiece, m, shape (n, 3), at positions of the axes."""
+        assert self.kinematics is not None
+        linear, rotary = self._joints(positions)
+        return np.stack(self.kinematics.tip(linear, rotary), axis=1)
+
+    @property
+    def tilts(self) -> np.ndarray:
+        """The angle between the tool and Z of the workpiece at the start of each interval of the course, rad, (n,)."""
+        assert self.kinematics is not None
+        x, y, z = self.kinematics.tool_axis(self._joints(self.course.position)[1])
+        return np.arctan2(np.hypot(x, y), z) * np.ones(len(self.course.time))
+
+    def _joints(self, positions: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        assert self.kinematics is not None
+        columns = TipColumns.of(self.kinematics, self.limits.letters)
+        return [positions[:, k] for k in columns.linear], [positions[:, k] for k in columns.rotary]
 
     def table(self) -> Table:
         """Return a table of the limits of each axis and the peak utilization of each limit."""
@@ -167,7 +203,7 @@ class Planned(Result):
         ]
         names = zip(DERIVATIVES, _PER, strict=True)
         heads = ["axis", *(f"{name} {unit_name(f'm/{s}', f'mm/{s}', stays=True)}" for name, s in names)]
-        held = "every limit is proven" if self.proof.count == 0 else f"{self.proof.count} violations"
+        held = "every limit is proven" if self.violations == 0 else f"{self.violations} violations"
         title = Text(
             f"{self.program}: {Quantity(self.cycle_time, 's'):6 SI}, {self.blocks} blocks, {self.stop_count} stops; "
             f"{held}"
@@ -209,4 +245,6 @@ def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | No
         recorder.course(setpoints.sample_time),
         setpoints.losses.result(),
         setpoints.settings,
+        setpoints.tip.proof(),
+        setpoints.tip.kinematics,
     )

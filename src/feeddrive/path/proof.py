@@ -49,6 +49,7 @@ from feeddrive.path.motion import (
     Part,
     Pieces,
     chain,
+    counted,
     cubic,
     derivatives,
     part_of_pieces,
@@ -132,8 +133,8 @@ def cubic_range(a: float, b: float, c: float, d: float, t0: float, t1: float) ->
 
 @kernel
 def slopes(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: Floats3) -> float:
-    """Return a bound on |r'| over [x0, x1]; write intervals of r' .. r'''' by Taylor forms about the midpoint into
-    out[i, k-1].
+    """Return a bound on |r'| over [x0, x1], or 1 for a paced piece; write intervals of r' .. r'''' into out[i, k-1], by
+    Taylor forms about the midpoint.
     """
     middle = 0.5 * (x0 + x1)
     radius = 0.5 * (x1 - x0)
@@ -241,6 +242,8 @@ def slopes(kind: int, length: float, shape: Floats2, x0: float, x1: float, out: 
         norm = norm + c1 * c1
         tilt = tilt + 4.0 * c1 * c2
         bend = bend + q * q + p * max(-out[i, 2, 0], out[i, 2, 1])
+    if kind == 3:
+        return 1.0
     norm = (norm + abs(tilt) * rho) / (length * length)
     return sqrt(norm + bend * radius * radius)
 
@@ -951,11 +954,16 @@ class Proof(Result):
 
 
 class Prover:
-    """The prover of consecutive parts of runs; `limits` are in m/s .. m/s⁴, shape (N, 4)."""
+    """The prover of consecutive parts of runs; `limits` are in m/s .. m/s⁴ (rad/s .. rad/s⁴), shape (N, 4).
+
+    A part with `weights` is proven in coordinates in which each axis, with its limits, is multiplied by its weight: the
+    feed and the distance of overlapping runs to the corner are measured in them.
+    """
 
     def __init__(self, limits: np.ndarray, widened: float = WIDENED) -> None:
         axes = len(limits)
-        self._limits, self._widened = np.ascontiguousarray(limits, float), widened
+        self._raw, self._weights = np.ascontiguousarray(limits, float), np.ones(axes)
+        self._limits, self._widened = self._raw, widened
         self._state, self._time, self._place = np.zeros(4), 0.0, np.zeros(axes)
         self._stands = False  # True if a run has ended at `_place`, where the next one must begin
         self._faults, self._use, self._jumps = np.zeros((_KEPT, 5)), np.zeros((axes, 4)), np.zeros(2)
@@ -968,6 +976,7 @@ class Prover:
     def prove(self, part: Part) -> bool:
         """Check the next part; return True if all its limits are proven to be satisfied."""
         before = self._count
+        part = self._weighted(part, part.weights)
         time, alone = self._time, part.entering is None
         self._along(part.pieces, part.motion, part.ends, alone, not self._stands)
         if part.entering is not None:
@@ -980,6 +989,19 @@ class Prover:
             self._state[:], self._time = 0.0, 0.0
         self._stands = self._count == before
         return self._count == before
+
+    def _weighted(self, part: Part, weights: np.ndarray | None) -> Part:
+        """Return a part with each axis multiplied by its weight, and do the same to the limits and to the place."""
+        by = np.ones(len(self._raw)) if weights is None else weights
+        if not np.array_equal(by, self._weights):
+            self._place *= by / self._weights
+            self._limits, self._weights = self._raw * by[:, None], by
+        if weights is None:
+            return part
+        entering = part.entering
+        if entering is not None:
+            entering = entering._replace(pieces=counted(entering.pieces, weights))
+        return part._replace(pieces=counted(part.pieces, weights), entering=entering)
 
     def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool, anywhere: bool) -> None:
         """Prove that a motion has no jumps and, if it is `alone`, satisfies the limits; it starts at the end of the

@@ -12,13 +12,16 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Records, Records2
 from feeddrive.language.quantity import number
+from feeddrive.language.series import Taylor
 from feeddrive.path.feed_loss import CORNER, FeedLossRecorder
 from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
 from feeddrive.path.geometry.segments import Chain, chains
+from feeddrive.path.geometry.weights import ANGLE_TOLERANCE
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.motion import (
     LINE,
@@ -28,37 +31,53 @@ from feeddrive.path.motion import (
     Pause,
     Pieces,
     Section,
+    TipColumns,
     chain,
+    counted,
     cubic,
     derivatives,
     direction,
+    part_of_pieces,
     way,
 )
-from feeddrive.path.program.moves import Arc, Move, Spline, Straight
+from feeddrive.path.program.moves import Arc, Move, Spline, Straight, ToolPoint
 from feeddrive.path.proof import Prover
 from feeddrive.path.purpose import DEFAULT, Settings
 from feeddrive.path.schedule.corner import Crossings
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Override, Schedule
+from feeddrive.path.tip_proof import LEFT, TipProver
 
 # planning twice takes twice the time, so longer chains are joined by geometry alone
 SHORT = 100  # largest number of segments of a chain that is planned in two ways
 
 
 def planned(
-    moves: Iterable[Move], axes: str, limits: np.ndarray, override: Override | None = None
+    moves: Iterable[Move],
+    axes: str,
+    limits: np.ndarray,
+    override: Override | None = None,
+    angle_tolerance: ArrayLike = ANGLE_TOLERANCE,
+    tip: TipProver | None = None,
 ) -> Iterator[Part | Pause]:
     """Yield the runs of a program, each from rest to rest in one or more parts, and the pauses between them.
 
     Segments are planned in windows, and a part is yielded as soon as it is final, so memory does not grow with the
     program.
 
-    axes      letters of the machine's axes, in the order of `limits`
-    limits    limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
-    override  feed override; with it motions are not lifted, so that the planned motion is final only a short time ahead
+    axes             letters of the machine's axes, in the order of `limits`
+    limits           limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    override         feed override; with it motions are not lifted, so that the planned motion is final only a short
+                     time ahead
+    angle_tolerance  tolerance of the rotary axes, as in `chains`, rad
+    tip              the prover of paths of the tip, which also has the travel of the joints
 
     Raises ProgramError as `chains` does.  The parts are planned but not proven: pass them to a `Prover`.
     """
+    weights: np.ndarray | None = None
+    of_tip: TipColumns | None = None
+    tip = tip or TipProver()
+    weighted = limits  # in the coordinates of the path, in which angles are lengths
     joiner, schedule, crossings = Joiner(), Schedule(limits, override=override), Crossings(limits)
     lifter = Lifter(limits) if override is None else None
     joints: deque[str] = deque()  # path modes of the undecided joints
@@ -72,22 +91,50 @@ def planned(
             # an overlap is contained in both runs, so that its time was counted twice
             if part.entering is not None:
                 schedule.time -= float(part.motion.duration.sum())
+            part = _in_radians(part, weights) if of_tip is None else part._replace(tip=of_tip)
             yield part._replace(mode=modes.popleft()) if part.ends else part
 
-    for segments in chains(moves, axes):
+    for segments in chains(moves, axes, angle_tolerance):
         if isinstance(segments, Pause):
             schedule.time += segments.duration
             yield segments
             continue
+        same = segments.weights is None or (weights is not None and np.array_equal(segments.weights, weights))
+        if segments.tip is not of_tip or (segments.tip is None and not same):
+            # at a stop, where all earlier parts have been yielded
+            of_tip, weights, time = segments.tip, segments.weights, schedule.time
+            # the joints of a tip are planned in m and rad
+            weighted = limits if weights is None or of_tip else limits * weights[:, None]
+            # overlapping runs are measured along axes: corners of a tip are rounded, or it stops
+            joiner = Joiner() if of_tip is None else Joiner(lonely=np.inf)
+            schedule, crossings = Schedule(weighted, override=override), Crossings(weighted)
+            schedule.time = time
+            lifter = Lifter(weighted) if lifter else None
         # only a chain from rest to rest can be planned by itself, in either way
-        whole = _quicker(segments, limits) if lifter and joiner.rests and segments.ends else None
+        if of_tip is not None:
+            segments = segments._replace(tolerance=np.where(segments.tolerance > LEFT, segments.tolerance - LEFT, 0.0))
+        alone = lifter and joiner.rests and segments.ends and of_tip is None
+        whole = _quicker(segments, weighted) if alone else None
         sections, joint = whole[:2] if whole else joiner.join(segments)
         joints.extend(segments.modes)
         for stop in joint.stop:
             mode = joints.popleft()
             if stop:
                 modes.append(mode)
+        if of_tip is not None:
+            tip.join(joint.deviation, segments)
+            sections = [tip.joints(section, segments, of_tip) for section in sections]
         yield from leaving(whole[2] if whole else _planned_along(sections, segments.ends, schedule, lifter, crossings))
+
+
+def _in_radians(part: Part, weights: np.ndarray | None) -> Part:
+    """Return a part in m and rad, planned in coordinates in which angles are lengths."""
+    if weights is None:
+        return part
+    entering = part.entering
+    if entering is not None:
+        entering = entering._replace(pieces=counted(entering.pieces, 1.0 / weights))
+    return part._replace(pieces=counted(part.pieces, 1.0 / weights), entering=entering, weights=weights)
 
 
 def _planned_along(
@@ -239,6 +286,9 @@ PAUSES = {
     "Stop": "program stop (M0, M1, M60)",
     "Probe": "probe (G38)",
     "Wait": "wait for an input (M66)",
+    "ToolPoint": "begin or end of the tool point (G43.4, G43.5, G49)",
+    "Turn": "the tip stands while axes turn",
+    "Tolerance": "change of the tolerance, by which angles are weighted (G64)",
     "ToolChange": "tool change",
     "Spindle": "spindle",
     "Switch": "coolant, output or override",
@@ -279,6 +329,7 @@ class Samples(NamedTuple):
     values    position to snap of each axis, m .. m/s⁴, shape (n, N, 5)
     line      line of the part program, shape (n,)
     feed      the programmed path speed, m/s; inf on a traverse, 0 at a standstill, shape (n,)
+    speed     the speed along the path, in which angles count as in `Part.weights`, m/s, shape (n,)
     proven    True if the whole motion up to here is proven
     """
 
@@ -286,6 +337,7 @@ class Samples(NamedTuple):
     values: np.ndarray
     line: np.ndarray
     feed: np.ndarray
+    speed: np.ndarray
     proven: bool
 
 
@@ -318,6 +370,7 @@ class Setpoints:
         self.time = 0.0
         self._array, self._moves, self._override = limits.array, moves, override
         self.prover = Prover(self._array)
+        self.tip = TipProver(tuple(limits.travel.values()))
         self._sampler = Sampler(sample_time)
         self._counts = np.zeros(4 * len(limits.axes) + 3, np.int64)
         self._position = np.zeros(len(limits.axes))
@@ -329,7 +382,8 @@ class Setpoints:
         self.losses = FeedLossRecorder(self._array, limits.causes[: 4 * len(limits.axes)], sample_time)
 
     def __iter__(self) -> Iterator[Samples]:
-        for part in planned(self._counted(), self.limits.letters, self._array, self._override):
+        angles = self.limits.angle_tolerances
+        for part in planned(self._counted(), self.limits.letters, self._array, self._override, angles, self.tip):
             if isinstance(part, Part):
                 yield from self._part(part)
             else:
@@ -349,10 +403,12 @@ class Setpoints:
         for move in self.limits.resolved(self._moves):
             self.line = move.source.number
             self.blocks += isinstance(move, Straight | Arc | Spline)
+            if isinstance(move, ToolPoint):
+                self.tip.begin(move)
             yield move
 
     def _part(self, part: Part) -> Iterator[Samples]:
-        pieces, motion = part.pieces, part.motion
+        pieces, motion, weights = part.pieces, part.motion, part.weights
         if self._along is not None:  # a run begins where another one has ended
             if self._waits is None:
                 angle = self._corner(part)
@@ -362,13 +418,19 @@ class Setpoints:
             else:
                 self._stand(PAUSES.get(self._waits.why, self._waits.why), 0.0, self._waits.line)
         self._along = self._waits = None
-        self.proven = self.prover.prove(part) and self.proven
+        self.proven = self.prover.prove(part) and self.proven and self.tip.proven
         for values in self._sampler.slices(part):
             times = (self.samples + np.arange(len(values))) * self.sample_time - self.time
-            line, feed, shape, programmed = _where(part, times, self._array[:, 0])
-            samples = Samples(self.samples, values, line, feed, self.proven)
+            where = _where(part, times, self._array[:, 0])
+            feed, programmed = where.feed, where.programmed
+            if part.tip is not None:
+                speed, feed = _tip_speed(values, part.tip, where.rate, feed)
+                programmed = feed
+            else:
+                speed = np.linalg.norm(values[:, :, 1] if weights is None else values[:, :, 1] * weights, axis=1)
+            samples = Samples(self.samples, values, where.line, feed, speed, self.proven)
             self._attribute(samples)
-            self.losses.add(values, programmed, line, shape, part.factor)
+            self.losses.add(values, programmed, where.line, where.shape, part.factor, speed)
             self.samples += len(values)
             yield samples
         self.time += float(np.sum(motion.duration))
@@ -396,7 +458,8 @@ class Setpoints:
         while duration > 0.0:
             now = min(duration, longest)
             values = self._sampler.rest(self._position, now)
-            samples = Samples(self.samples, values, np.full(len(values), line), np.zeros(len(values)), self.proven)
+            rest = np.zeros(len(values))
+            samples = Samples(self.samples, values, np.full(len(values), line), rest, rest, self.proven)
             self.samples += len(values)
             # a standstill has no limiting axis, so it is counted here and not by `_attribute`
             self._counts[-1] += len(values)
@@ -409,15 +472,15 @@ class Setpoints:
         """Return the angle between the end of the previous run and the start of this one, rad."""
         assert self._along is not None
         r = np.zeros((len(self.limits.axes), 5))
-        derivatives(int(part.pieces.kind[0]), float(part.pieces.length[0]), part.pieces.shape[0], 0.0, r)
-        begin = _along(r, float(part.pieces.length[0]), 1.0)
+        first = counted(part_of_pieces(part.pieces, 0, 1), part.weights)
+        derivatives(int(first.kind[0]), float(first.length[0]), first.shape[0], 0.0, r)
+        begin = _along(r, float(first.length[0]), 1.0)
         # by the chord: the arc cosine of a scalar product has no digits at small angles
         return 2.0 * float(np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(begin - self._along)))))
 
     def _attribute(self, samples: Samples) -> None:
         """Attribute each sample to the cause that limits it most."""
-        speed = np.linalg.norm(samples.values[:, :, 1], axis=1)
-        reasons = causes(np.abs(samples.values[:, :, 1:]) / self._array, speed, samples.feed)
+        reasons = causes(np.abs(samples.values[:, :, 1:]) / self._array, samples.speed, samples.feed)
         self._counts += np.bincount(reasons, minlength=len(self._counts))
 
 
@@ -438,14 +501,46 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
     return reasons
 
 
-def _where(
-    part: Part, times: np.ndarray, velocity: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return line, feed, shape and programmed feed at given times, s, from the start of a part.
+_STANDS = 1e-9  # speed of the tip over u': below it only angles change, and the feed is theirs
 
-    Where two runs overlap, the programmed feed F is that of both ways: (u0' + u1')/F = u0'/F0 + u1'/F1.
 
-    velocity  velocity limits of the axes, m/s, which are the feed of a traverse there
+def _tip_speed(
+    values: np.ndarray, tip: TipColumns, rate: np.ndarray, feed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the speed of the tip in the frame of the workpiece and its feed, m/s; where the tip stands, u' and its
+    bound.
+
+    values  samples of the joints;  rate  u', m/s;  feed  the bound of u'
+    """
+    linear, rotary = ([Taylor(values[:, k, 0], values[:, k, 1]) for k in columns] for columns in tip[1:])
+    speed = np.sqrt(sum(axis.terms[1] ** 2 for axis in tip.kinematics.tip(linear, rotary)))
+    moves = (rate > 0.0) & (speed > _STANDS * rate)
+    # the feed of paced pieces bounds u', of which the speed of the tip is a multiple
+    multiple = np.where(moves, speed, 1.0) / np.where(moves, rate, 1.0)
+    return np.where(moves, speed, rate), feed * multiple
+
+
+class _Where(NamedTuple):
+    """Where a part is at given times.
+
+    line        program line
+    feed        bound of the path speed of the run, m/s
+    shape       LINE, ARC or POLYNOMIAL, or CORNER where two runs overlap
+    programmed  programmed feed, m/s; where two runs overlap that of both ways: (u0' + u1')/F = u0'/F0 + u1'/F1
+    rate        u' of the run, m/s
+    """
+
+    line: np.ndarray
+    feed: np.ndarray
+    shape: np.ndarray
+    programmed: np.ndarray
+    rate: np.ndarray
+
+
+def _where(part: Part, times: np.ndarray, velocity: np.ndarray) -> _Where:
+    """Return where a part is at given times, s, from its start.
+
+    velocity  velocity limits of the axes, m/s, which are the feed of a traverse where two runs overlap
     """
     pieces, motion = part.pieces, part.motion
     begins = np.cumsum(motion.duration) - motion.duration
@@ -458,23 +553,26 @@ def _where(
     u += gone(v, a, j, s, since)
     p = np.clip(np.searchsorted(far, u), 0, len(far) - 1)
     line, feed = pieces.line[p], pieces.feed[p]
-    if part.entering is None:
-        return line, feed, pieces.kind[p], feed
     speed_of: Any = cubic.python
-    first = np.abs(speed_of(v, a, j, s, since))
+    rate = speed_of(v, a, j, s, since)
+    if part.entering is None:
+        return _Where(line, feed, pieces.kind[p], feed, rate)
+    first = np.abs(rate)
     second = np.abs(speed_of(*(row[m] for row in part.entering.motion[3:]), since))
-    slowness = first / _feed(pieces, velocity) + second / _feed(part.entering.pieces, velocity)
+    slowness = first / _feed(pieces, velocity, part.weights)
+    slowness += second / _feed(part.entering.pieces, velocity, part.weights)
     programmed = np.where(slowness > 0.0, (first + second) / np.where(slowness > 0.0, slowness, 1.0), feed)
-    return line, feed, np.full(len(p), CORNER), programmed
+    return _Where(line, feed, np.full(len(p), CORNER), programmed, rate)
 
 
-def _feed(pieces: Pieces, velocity: np.ndarray) -> float:
+def _feed(pieces: Pieces, velocity: np.ndarray, weights: np.ndarray | None) -> float:
     """Return the feed of a single piece, on a traverse the largest speed along it within the velocity limits, m/s."""
     feed = float(pieces.feed[0])
     if math.isfinite(feed):
         return feed
     along = np.abs(direction(pieces, 0))
-    return float(np.linalg.norm(along) / max(float(np.max(along / velocity)), 1e-300))
+    length = float(np.linalg.norm(along if weights is None else along * weights))
+    return length / max(float(np.max(along / velocity)), 1e-300)
 
 
 def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
@@ -488,7 +586,10 @@ def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
     length = float(pieces.length[p])
     r = np.zeros((pieces.origin.shape[1], 5))
     derivatives(int(pieces.kind[p]), length, pieces.shape[p], length if part.ends else min(x, length), r)
-    return pieces.origin[p] + r[:, 0], _along(r, length, -1.0)
+    place = pieces.origin[p] + r[:, 0]
+    if part.weights is not None:
+        r *= part.weights[:, None]
+    return place, _along(r, length, -1.0)
 
 
 def _along(r: np.ndarray, length: float, side: float) -> np.ndarray:

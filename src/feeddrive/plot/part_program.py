@@ -9,6 +9,7 @@ import numpy as np
 
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text
+from feeddrive.path.kinematics import LINEAR
 from feeddrive.path.limits import FEED, STANDSTILL
 from feeddrive.path.planned import Planned
 from feeddrive.path.proof import DERIVATIVES
@@ -284,6 +285,12 @@ def _on_path(plan: Planned, curves_of: Callable[[Planned, np.ndarray, np.ndarray
     """Plot curves along the path, and the stops, in each view of the path."""
     factors, units = (list(row) for row in zip(*plan.limits.shown, strict=True))
     place, letters = np.array(factors) * plan.course.position, plan.limits.letters
+    # `reshape` gives a table even without a stop.
+    stood = np.array([stop.position for stop in plan.stops[:_MARKED_STOPS]]).reshape(-1, len(letters))
+    stops = stood * factors
+    if plan.kinematics is not None:
+        letters, units = LINEAR, ["mm"] * 3
+        place, stops = 1e3 * plan.tips, 1e3 * plan.tips_of(stood)
     # One axis makes no path to draw.
     if len(letters) == 1:
         along = Curve(plan.course.time, place[:, 0])
@@ -295,8 +302,6 @@ def _on_path(plan: Planned, curves_of: Callable[[Planned, np.ndarray, np.ndarray
         views.append((order[0], order[2]))
     # Equal scales of both axes would make a flat path a line and a high one a page.
     shapes = [max(0.12, min(0.8, extent[j] / max(extent[i], 1e-9))) for i, j in views]
-    # `reshape` gives a table even without a stop.
-    stops = np.array([stop.position * factors for stop in plan.stops[:_MARKED_STOPS]]).reshape(-1, len(letters))
     panels = list[Panel]()
     for (i, j), shape in zip(views, shapes, strict=True):
         curves = curves_of(plan, place[:, i], place[:, j])
@@ -423,6 +428,24 @@ def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
 
 
 plan_profiles = figure_of(plan_profiles_chart)
+
+
+def plan_joints_chart(plan: Planned) -> Chart:
+    """Plot the tilt of the tool, the rotary and the linear joints versus time, while the tip of the tool is moved."""
+    assert plan.kinematics is not None
+    time, letters = plan.course.time, plan.limits.letters
+    place = plan.course.position * [factor for factor, _ in plan.limits.shown]
+    panels = [Panel("tilt of the tool\n(deg)", (Curve(*envelope(time, np.degrees(plan.tilts))),))]
+    panels += [
+        Panel(f"{letter}\n(deg)", (Curve(*envelope(time, place[:, letters.index(letter)])),))
+        for letter in plan.kinematics.rotary_letters
+    ]
+    curves = (Curve(*envelope(time, place[:, letters.index(letter)]), letter, k) for k, letter in enumerate(LINEAR))
+    panels.append(Panel(f"joints\n({unit_name('mm')})", tuple(curves), share=1.5))
+    return Chart("time (s)", tuple(panels), height=6.6)
+
+
+plan_joints = figure_of(plan_joints_chart)
 
 
 _WINDOW = 0.15  # s: window of the estimates

@@ -94,7 +94,7 @@ def plan_report(plan: Planned) -> Report:
     return Report(
         f"{plan.program}: plan",
         "feeddrive plan",
-        Verdict(_lead(plan), good=plan.proof.count == 0),
+        Verdict(_lead(plan), good=plan.violations == 0),
         (
             Section("limits", "Limits", (titled(plan.table(), "The largest share of each limit that is used."),)),
             further(pictures[1:]),
@@ -110,14 +110,25 @@ def _lead(plan: Planned) -> Sequence[str]:
     proof = plan.proof
     held = (
         "Every limit is proven to hold in continuous time, joints included."
+        if plan.violations == 0
+        else f"{plan.violations} violations of the tip of the tool: no setpoints were written. This is a fault of "
+        "feeddrive, not of the program."
         if proof.count == 0
-        else f"{proof.count} violations, the first at {plan.limits.named(str(proof.faults[0]))}: no setpoints were "
+        else f"{plan.violations} violations, the first at {plan.limits.named(str(proof.faults[0]))}: no setpoints were "
         "written. This is a fault of feeddrive, not of the program."
     )
     first = Text(f"The cycle takes {Quantity(plan.cycle_time, 's'):6 SI}, with {plan.stop_count:,} stops. {held}")
     most = sorted(plan.seconds.items(), key=lambda item: -item[1])[:3] if plan.cycle_time else []
     shares = joined(", ", (f"{name} {Quantity(seconds / plan.cycle_time, 'share'):3}" for name, seconds in most))
-    return [first, Text(f"What limits it for most of the time: {shares}.")] if most else [first]
+    told = [first]
+    if tip := plan.tip:
+        told.append(
+            Text(
+                f"The tip of the tool stays within {Quantity(tip.deviation, 'm'):4} of the program, and the tool "
+                f"within {Quantity(tip.angle, 'rad'):deg} of its direction: both are proven."
+            )
+        )
+    return [*told, Text(f"What limits it for most of the time: {shares}.")] if most else told
 
 
 def _proof(plan: Planned) -> str:
@@ -129,6 +140,7 @@ def _proof(plan: Planned) -> str:
 
 def _pictures(plan: Planned) -> Sequence[Picture]:
     letters = plan.limits.letters
+    of_tip = plan.tip is not None
     # a program without motion has neither a path to draw nor a cycle time to divide by
     if not len(plan.course.time) or not plan.cycle_time:
         return []
@@ -137,7 +149,14 @@ def _pictures(plan: Planned) -> Sequence[Picture]:
             "path",
             "Path and speed",
             "Color and width: the speed along the path, slow is warm and wide. Dotted: traverses. Circles: stops, the "
-            "first 300." + (" Of the speed 1 rad counts as 1 m." if plan.limits.rotary else ""),
+            "first 300."
+            + (
+                " Path and speed are those of the tip of the tool, in the frame of the workpiece."
+                if of_tip
+                else " In the speed an angle counts by its tolerance."
+                if plan.limits.rotary
+                else ""
+            ),
             f"The path of {plan.program} with its speed as color.",
             plan.chart,
         ),
@@ -157,6 +176,19 @@ def _pictures(plan: Planned) -> Sequence[Picture]:
             "what a bend ahead or behind holds at its speed.",
             "Which limit is used most, over time.",
             lambda: plot.plan_causes_chart(plan),
+        ),
+        *(
+            [
+                Picture(
+                    "joints",
+                    "Tool and joints",
+                    "The tilt of the tool against Z of the workpiece, the rotary and the linear joints over time.",
+                    "Tilt of the tool and positions of all joints over time.",
+                    lambda: plot.plan_joints_chart(plan),
+                )
+            ]
+            if of_tip
+            else []
         ),
         *(
             Picture(

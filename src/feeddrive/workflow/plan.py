@@ -16,7 +16,7 @@ from time import monotonic
 
 from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.machine import MachineFile, planned_limits, read_machine
+from feeddrive.files.machine import MachineFile, find_bundled, planned_kinematics, planned_limits, read_machine
 from feeddrive.files.part_program import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
 from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import NoSlopeError, ParameterError, shown
@@ -24,6 +24,7 @@ from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
+from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.planned import Planned, Take, planned_of
 from feeddrive.path.program.dialects import DIALECTS, DialectName
@@ -46,7 +47,7 @@ FAULT = (
 class PlanRequest(Request):
     """The part program, and the machine for which it is planned."""
 
-    program: Path = argument("A part program (RS-274/NGC)")
+    program: Path = argument("A part program (RS-274/NGC), or the name of a bundled one")
     machine: str | Path | MachineFile | None = option(
         "a machine file (TOML) with limits of its axes, or the name of a bundled machine", default=None
     )
@@ -82,6 +83,14 @@ class PlanRequest(Request):
         "shares of the limits of acceleration, jerk and snap in %: 100,50,50, or one for all; 100 if left out",
         default=None,
     )
+    angle_tolerance: float | None = option(
+        "tolerance of rotary axes where corners are rounded, in place of those among the limits of the axes, which are "
+        "0.05 if left out",
+        default=None,
+        unit="rad",
+        entered="deg",
+        above=0.0,
+    )
     override: str | None = option(
         "steps of the feed in % from these times on, in s: 1:50, 2:0, 3.5:120; 0 holds; 100 before the first",
         default=None,
@@ -114,6 +123,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
 
     Raises ProgramError, with file, line, column and word, for a block that cannot be read or executed.
     """
+    program = find_bundled(request.program, "programs", ".ngc")
     machine = None if request.machine is None else read_machine(request.machine)
     dynamics = None if request.dynamics is None else read_dynamics(request.dynamics)
     used = settings(request.purpose, request.tolerance, dynamics, lifted=request.override is None)
@@ -122,24 +132,27 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     if unfit:
         option_name = "--for" if request.tolerance is None else "--tolerance"
         raise ParameterError(f"{option_name}: {unfit}")
+    if request.angle_tolerance is not None:
+        limits = _turning_within(limits, request.angle_tolerance)
     sample_time = request.sample_time
     if sample_time is None:
         assert machine is not None
         sample_time = float(next(iter(machine.loops.values())).sample_time)
     override = None if request.override is None else read_steps(request.override)
-    names = request.program.name, called(request.machine if machine is None else machine.name)
+    names = program.name, called(request.machine if machine is None else machine.name)
     # a generator that an error leaves suspended would keep the program file open
     counts = Counts()
-    with contextlib.closing(_moves(request, limits, used.tolerance, progress, counts)) as moves:
+    reading = _moves(request, program, limits, planned_kinematics(machine, limits), used.tolerance, progress, counts)
+    with contextlib.closing(reading) as moves:
         setpoints = Setpoints(moves, limits, sample_time, override, used)
         if request.out is None:
             planned = planned_of(setpoints, *names)
             return _outcome(planned, None, machine, counts)
         with new_directory(request.out) as folder:
-            with setpoint_files(folder, limits, sample_time, request.program.name) as writer:
+            with setpoint_files(folder, limits, sample_time, program.name) as writer:
                 planned = planned_of(setpoints, *names, _into(writer))
             write_plan(folder, planned)
-            if job := _job(request, machine, planned):
+            if job := _job(request, program, machine, planned):
                 (folder / JOB).write_text(job, encoding="utf-8")
             progress.step("report")
             (folder / "report.html").write_text(html(plan_report(planned)), encoding="utf-8")
@@ -147,26 +160,48 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     return replace(outcome, then=line("run", request.out / JOB)) if job else outcome
 
 
+def _turning_within(limits: MachineLimits, tolerance: float) -> MachineLimits:
+    """Return the limits with the tolerance of `--angle-tolerance`, rad, for all rotary axes."""
+    if not limits.rotary:
+        raise ParameterError(
+            "--angle-tolerance is for axes that turn (a, b, c), and the machine has "
+            f"{', '.join(limits.letters.lower())}: leave it out"
+        )
+    try:
+        return limits.turning_within(tolerance)
+    except ParameterError as error:
+        raise ParameterError(f"--angle-tolerance: {error}") from None
+
+
 JOB = "job.toml"  # the machine along the program that was planned
 
 
-def _job(request: PlanRequest, machine: MachineFile | None, planned: Planned) -> str:
+def _job(request: PlanRequest, program: Path, machine: MachineFile | None, planned: Planned) -> str:
     """Return the text of the job that runs the program on the machine; empty if no job can reproduce this plan."""
     # a job has the tolerance, the feed and the sample time of program, purpose and machine
-    options = (request.tolerance, request.dynamics, request.override, request.sample_time, request.parameters)
+    options = (
+        request.tolerance,
+        request.angle_tolerance,
+        request.dynamics,
+        request.override,
+        request.sample_time,
+        request.parameters,
+    )
     changed = any(value is not None for value in options)
-    if machine is None or planned.proof.count or changed or request.front_end != "auto":
+    # a job compares the axes with the path, not the tip of the tool
+    tip = planned.tip is not None
+    if machine is None or planned.violations or changed or tip or request.front_end != "auto":
         return ""
     axis = next((name for name in machine.loops if name.upper() in planned.limits.letters), None)
     if axis is None:
         return ""
     lines = [
-        f"title = {quoted(f'{request.program.name} on {machine.name}')}",
+        f"title = {quoted(f'{program.name} on {machine.name}')}",
         f"machine = {quoted(_found(machine.file.name))}",
         f"axis = {quoted(axis)}",
         "",
         "[program]",
-        f"file = {quoted(_found(request.program))}",
+        f"file = {quoted(_found(program))}",
     ]
     for name in ("tools", "offsets", "limits"):
         path: Path | None = getattr(request, name)
@@ -211,13 +246,19 @@ class Counts:
 
 
 def _moves(
-    request: PlanRequest, limits: MachineLimits, tolerance: float | None, progress: Progress, counts: Counts
+    request: PlanRequest,
+    program: Path,
+    limits: MachineLimits,
+    kinematics: Kinematics | None,
+    tolerance: float | None,
+    progress: Progress,
+    counts: Counts,
 ) -> Generator[Move]:
     """Yield the moves of the program, report the progress of reading, and count what the outcome names."""
     front_end: FrontEnd = request.front_end  # type: ignore[assignment]
     dialect: DialectName = request.dialect  # type: ignore[assignment]
     moves = read_program(
-        request.program,
+        program,
         axes=limits.travel,
         tools=request.tools,
         offsets=request.offsets,
@@ -226,8 +267,9 @@ def _moves(
         front_end=front_end,
         parameters=None if request.parameters is None else _named_values(request.parameters),
         dialect=dialect,
+        kinematics=kinematics,
     )
-    of = _lines_of(request.program)
+    of = _lines_of(program)
     counted = _counted(moves, counts)
     stated = counted if tolerance is None else with_tolerance(counted, tolerance)
     farthest, shown, watched = 0, monotonic(), monotonic()
@@ -293,17 +335,24 @@ def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None, co
         sentences += planned.loss.sentences(planned.cycle_time)
     if planned.settings.purpose:
         sentences.append(planned.settings.sentence(counts.tolerances))
+    if tip := planned.tip:
+        sentences.append(
+            Text(
+                f"The tip stays within {Quantity(tip.deviation, 'm'):4} of the program, and the tool within "
+                f"{Quantity(tip.angle, 'rad'):deg} of its direction, proven on {tip.pieces:,} pieces."
+            )
+        )
     if counts.left_out:
         codes = ", ".join(f"{count} x {code}" for code, count in sorted(counts.left_out.items()))
         sentences.append(f"Left out, as they move nothing: {codes}.")
-    proven = planned.proof.count == 0
+    proven = planned.violations == 0
     files = {}
     if out is not None:
         files = {"Plan": out / PLAN, "Report": out / "report.html"}
         files |= {"Setpoints": out / SETPOINTS, "For LinuxCNC's streamer": out / STREAMER} if proven else {}
     differ = [] if machine is None else _differing(machine, planned.limits.letters)
     judgment, failure = (Judgment.PLANNED, "") if proven else (Judgment.NOT_PLANNED, FAULT)
-    faults = [] if proven else [planned.limits.named(str(planned.proof.faults[0]))]
+    faults = [planned.limits.named(str(fault)) for fault in planned.proof.faults[:1]]
     return Outcome(
         planned,
         [planned.table()],

@@ -1,8 +1,10 @@
 """Segments in axis coordinates from the moves of a part program, and the blend that rounds the joint of two segments.
 
 Moves become lines, arcs and splines in axis coordinates, with feed and tolerance.  If a move involves both linear and
-rotary axes, its path length covers all of them, and 1 rad counts as 1 m.  As in LinuxCNC, the feed refers to X Y Z; for
-a move without these it refers to U V W; for a move of A B C alone it is in degrees.
+rotary axes, its path length covers all of them.  An angle is multiplied by P / α, with the tolerance P of lengths and
+the tolerance α of the axis, so that one number bounds both: a path within P of the program in these coordinates is
+within P of it in X Y Z U V W, and within α in each rotary axis.  As in LinuxCNC, the feed refers to X Y Z; for a move
+without these it refers to U V W; for a move of A B C alone it is in degrees.
 
 A blend is a polynomial of seventh degree that matches both segments up to the third derivative.  At the distance L
 before and after the joint the states r, r', r'', r''' of the segments are taken relative to the joint, and connected
@@ -19,10 +21,12 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from feeddrive.language.errors import ProgramError
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Records, rows_for, zeros
+from feeddrive.path.geometry.weights import ANGLE_TOLERANCE, ROTARY, Weights
 from feeddrive.path.motion import (
     ARC,
     LINE,
@@ -32,6 +36,7 @@ from feeddrive.path.motion import (
     Pause,
     Piece,
     Pieces,
+    TipColumns,
     arc_axis,
     arc_shape,
     derivatives,
@@ -56,6 +61,7 @@ from feeddrive.path.program.moves import (
     Switch,
     Synchronized,
     ToolChange,
+    ToolPoint,
 )
 
 _PARTS = 4  # parts of each half of a blend, whose hulls are computed separately
@@ -352,6 +358,7 @@ _COUNTED = ((0, 1, 2), (6, 7, 8), (3, 4, 5))
 """The groups of axes to which a feed can refer; the first group with a moving axis is used."""
 # so that memory does not grow with the program
 AT_ONCE = 1000  # largest number of segments of a chain
+_STANDS = 1e-12  # m, or rad
 _CHORDS = 0.1  # of the tolerance: largest deviation of a spline's chords from it
 _CUTS = 16  # number of pieces of a spline that is followed exactly
 
@@ -366,12 +373,20 @@ class Chain(NamedTuple):
     ends       True if such a stop follows; otherwise the next chain continues this one
     modes      path mode (see `PathMode`) of the stricter move at each joint, if it requires a stop there; empty if the
                joint has a tolerance
+    weights    the length by which one m or rad of each axis was multiplied, m, shape (N,); None: 1 (no rotary axis)
+    tip        the tool whose tip the segments move, and whose speed is their feed; None: they move the axes
+    turns      True if the tip stands, so that the feed is that of the angles, rad/s
+    chords     largest distance of chords from the splines for which they stand, m
     """
 
     segments: Pieces
     tolerance: np.ndarray
     ends: bool
     modes: Sequence[str] = ()
+    weights: np.ndarray | None = None
+    tip: TipColumns | None = None
+    turns: bool = False
+    chords: float = 0.0
 
 
 class _Segment(NamedTuple):
@@ -394,7 +409,7 @@ class _Collected:
     def __init__(self) -> None:
         self.rows: list[_Segment] = []
 
-    def chain(self, ends: bool) -> Chain:
+    def chain(self, ends: bool, weights: np.ndarray | None) -> Chain:
         """Return the collected segments as a chain; unless it `ends`, the last one is retained for the next chain."""
         # the joint after the last segment depends on the next one
         count = len(self.rows) - (0 if ends else 1)
@@ -412,7 +427,7 @@ class _Collected:
         joints = [modes[k + 1] if k < len(stricter) and stricter[k] else modes[k] for k in range(count)]
         tolerance[:-1] = np.minimum(tolerance[:-1], tolerance[1:])
         del self.rows[:count]
-        return Chain(pieces, tolerance[:count], ends, joints)
+        return Chain(pieces, tolerance[:count], ends, joints, weights)
 
 
 class _Feeds:
@@ -421,6 +436,7 @@ class _Feeds:
     def __init__(self, axes: str) -> None:
         self._one = set(axes) <= set("XYZ")  # way of counting
         self.feed = Feed(Line("", 0, ""), 0.0, 0.0)
+        self.of_tip = False  # True if it is the speed of the tip
         self.turns = 0.0  # spindle speed, 1/s; 0 at standstill
 
     def speed(self, move: Going, length: float) -> float:
@@ -437,20 +453,36 @@ class _Feeds:
             feed *= self.turns
         if not feed > 0.0:
             raise _refused(move.source, "the feed is 0: write F in this block or before")
+        if self.of_tip:
+            return feed
         # the speed is planned along all axes: it is scaled so that the counted ones move at the feed
-        return feed * length / _length(move, counted) if others else feed
+        return feed * length / _length(move, counted) if others or counted == _COUNTED[-1] else feed
 
 
-def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
-    """Yield the chains of a program and the pauses between them; `axes` are the letters of the machine's axes, such as
-    XYZ.
+def chains(moves: Iterable[Move], axes: str, angle_tolerance: ArrayLike = ANGLE_TOLERANCE) -> Iterator[Chain | Pause]:
+    """Yield the chains of a program and the pauses between them.
+
+    A program that turns axes stops where its tolerance changes, since angles are then weighted anew.
+
+    axes             letters of the machine's axes, such as XYZ
+    angle_tolerance  tolerance of each axis, rad, one number or shape (N,); that of linear axes has no effect
 
     Raises ProgramError for unsupported moves: axes that the machine does not have, spindle-synchronized moves (G33).
     """
     columns = [_LETTERS.index(letter) for letter in axes]
+    turning = [_LETTERS.index(letter) for letter in axes if letter in ROTARY]
+    weights = Weights(axes, angle_tolerance)
     absent = [k for k, letter in enumerate(_LETTERS) if letter not in axes]
-    collected, feeds, tolerance, mode = _Collected(), _Feeds(axes), 0.0, "continuous"
+    collected, feeds, mode = _Collected(), _Feeds(axes), "continuous"
     stops = False  # True if the previous move requires a stop after it
+    tip: TipColumns | None = None
+    still = False  # True if the tip stands in the moves collected, while angles change at the feed
+
+    chords = 0.0
+
+    def collect(ends: bool) -> Chain:
+        return collected.chain(ends, weights.values)._replace(tip=tip, turns=still, chords=chords)
+
     for move in moves:
         if isinstance(move, Going):
             for column in absent:
@@ -458,20 +490,37 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
                     letter = _LETTERS[column]
                     reason = f"the machine has no axis {letter}; it has {', '.join(axes)}"
                     raise located(move.source, BlockError(reason, letter))
-            if collected.rows and (stops or mode == "exact_stop"):
-                yield collected.chain(True)
-                yield Pause(0.0, "ExactStop", move.source.number)
+            turns = any(move.start[column] != move.end[column] for column in turning)
+            exact = stops or mode == "exact_stop"
+            stands = tip is not None and _only_turns(move)
+            if collected.rows and (exact or stands != still or not weights.fit(turns)):
+                yield collect(True)
+                why = "ExactStop" if exact else "Turn" if stands != still else "Tolerance"
+                yield Pause(0.0, why, move.source.number)
+            still = stands
             stops = mode == "exact_stop"
-            for segment in _segments(move, columns, feeds, mode, tolerance):
+            if not collected.rows:
+                weights.begin()
+            tolerance = weights.tolerance_of(turns)
+            if isinstance(move, Spline):
+                chords = max(chords, _CHORDS * tolerance)
+            for segment in _segments(move, columns, weights.values, feeds, mode, tolerance):
                 collected.rows.append(segment)
                 if len(collected.rows) > AT_ONCE:
-                    yield collected.chain(False)
+                    yield collect(False)
         elif isinstance(move, PathMode):
             # G61 and G64 without P allow no deviation: both stop at each corner, for different reasons
             tolerance = move.tolerance if move.mode == "continuous" else 0.0
+            weights.allow(tolerance)
             mode = "" if tolerance else move.mode
         elif isinstance(move, Feed):
             feeds.feed = move
+        elif isinstance(move, ToolPoint):
+            if collected.rows:
+                yield collect(True)
+            yield Pause(0.0, "ToolPoint", move.source.number)
+            tip = None if move.kinematics is None else TipColumns.of(move.kinematics, axes)
+            feeds.of_tip, still = tip is not None, False
         elif isinstance(move, Synchronized):
             reason = (
                 "a move that follows the spindle begins at an index of the real one, which is not known before: take "
@@ -482,19 +531,32 @@ def chains(moves: Iterable[Move], axes: str) -> Iterator[Chain | Pause]:
             if isinstance(move, Spindle):
                 feeds.turns = abs(move.direction) * move.spindle_speed / 60.0
             if collected.rows:
-                yield collected.chain(True)
+                yield collect(True)
             if not isinstance(move, End):
                 duration = move.duration if isinstance(move, Dwell) else 0.0
                 yield Pause(duration, type(move).__name__, move.source.number)
     if collected.rows:
-        yield collected.chain(True)
+        yield collect(True)
 
 
-def _segments(move: Going, columns: Sequence[int], feeds: _Feeds, mode: str, tolerance: float) -> Iterator[_Segment]:
+def _only_turns(move: Going) -> bool:
+    """Return True for a feed that turns axes and leaves all others where they are."""
+    if not isinstance(move, Straight) or move.traverse:
+        return False
+    # a change to the tip of the tool and back rounds positions
+    same = [abs(a - b) <= _STANDS for a, b in zip(move.start, move.end, strict=True)]
+    return all(same[axis] for axes in _COUNTED[:2] for axis in axes) and not all(same)
+
+
+def _segments(
+    move: Going, columns: Sequence[int], weights: np.ndarray | None, feeds: _Feeds, mode: str, tolerance: float
+) -> Iterator[_Segment]:
     """Yield the segments of a move, none for zero length; `columns` are the point indices of the machine's axes."""
     number = move.source.number
     start = [move.start[column] for column in columns]
     way = [move.end[column] - move.start[column] for column in columns]
+    if weights is not None:
+        start, way = (np.array(start) * weights).tolist(), (np.array(way) * weights).tolist()
     if isinstance(move, Straight):
         length = math.hypot(*way)
         if length > 0.0:
@@ -503,18 +565,22 @@ def _segments(move: Going, columns: Sequence[int], feeds: _Feeds, mode: str, tol
         length, shape = _arc(move, start, way, columns)
         yield _Segment(ARC, length, start, way, feeds.speed(move, length), number, mode, tolerance, shape)
     else:
-        yield from _spline(move, columns, feeds.speed(move, 1.0), mode, tolerance)
+        yield from _spline(move, columns, weights, feeds, mode, tolerance)
 
 
-def _spline(move: Spline, columns: Sequence[int], speed: float, mode: str, tolerance: float) -> Iterator[_Segment]:
+def _spline(
+    move: Spline, columns: Sequence[int], weights: np.ndarray | None, feeds: _Feeds, mode: str, tolerance: float
+) -> Iterator[_Segment]:
     """Yield a spline as chords within a tenth of the tolerance; without a tolerance, yield the exact curve, which
     starts and ends at rest.
 
     The chords of n equal steps are within max|B''| / (8 n²) of a Bezier curve B(0..1).
     """
-    start = [move.start[column] for column in columns]
+    scale = np.ones(len(columns)) if weights is None else weights
+    points = np.array([[point[column] for column in columns] for point in (move.start, *move.points, move.end)]) * scale
+    start, speed = points[0].tolist(), feeds.speed(move, _polygon(points))
     shape = np.zeros((len(columns), 8))
-    curve = _bezier([[point[column] for column in columns] for point in (move.start, *move.points, move.end)])
+    curve = _bezier(points)
     shape[:, 1:4] = np.stack(curve, axis=1)
     bent = 2.0 * max(float(np.linalg.norm(curve.second)), float(np.linalg.norm(curve.second + 3.0 * curve.third)))
     near = _CHORDS * tolerance
@@ -548,9 +614,9 @@ class _Bezier(NamedTuple):
     third: np.ndarray
 
 
-def _bezier(points: Sequence[Sequence[float]]) -> _Bezier:
-    """Return the coefficients of a Bezier curve of three or four points."""
-    start, *others = (np.array(point) for point in points)
+def _bezier(points: np.ndarray) -> _Bezier:
+    """Return the coefficients of a Bezier curve of three or four points, shape (3 or 4, N)."""
+    start, *others = points
     one, two, *rest = (point - start for point in others)
     if not rest:
         return _Bezier(2.0 * one, two - 2.0 * one, np.zeros_like(start))
@@ -571,8 +637,15 @@ def _counted(move: Going) -> tuple[tuple[int, ...], bool]:
     return first, any(moved[axis] for axis in range(9) if axis not in first)
 
 
+def _polygon(points: np.ndarray) -> float:
+    """Return the length of the lines through points, shape (n, N)."""
+    return float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+
+
 def _length(move: Going, axes: tuple[int, ...]) -> float:
-    """Return the length of a move along some axes."""
+    """Return the length of a move along some axes; of a spline, that of its control polygon."""
+    if isinstance(move, Spline):
+        return _polygon(np.array([[point[axis] for axis in axes] for point in (move.start, *move.points, move.end)]))
     plane = move.axes[:2] if isinstance(move, Arc) else ()
     rest = [move.end[axis] - move.start[axis] for axis in axes if axis not in plane]
     return math.hypot(*rest, move.angle * move.radius if isinstance(move, Arc) else 0.0)

@@ -538,7 +538,15 @@ G_CODES: dict[int, Code] = {
         },
     ),
     **_codes(
-        Step.TOOL_LENGTH, {43: "tool offset of the table", 43.1: "tool offset of the words", 43.2: "added", 49: "off"}
+        Step.TOOL_LENGTH,
+        {
+            43: "tool offset of the table",
+            43.1: "tool offset of the words",
+            43.2: "added",
+            43.4: "tool point, by angles",
+            43.5: "tool point, by tool axes",
+            49: "off",
+        },
     ),
     **_codes(Step.SYSTEM, dict.fromkeys((54, 55, 56, 57, 58, 59, 59.1, 59.2, 59.3), "work offsets 1 to 9")),
     **_codes(Step.PATH_MODE, {61: "exact path", 61.1: "exact stop", 64: "continuous within P, Q"}),

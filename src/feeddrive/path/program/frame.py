@@ -8,8 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import cast
 
+import numpy as np
+
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
+from feeddrive.path.kinematics import Kinematics
+from feeddrive.path.orientation import MOST_WOUND, leaves_arc
 from feeddrive.path.program import moves
 from feeddrive.path.program.blocks import AXES, BlockError, Line, located
 from feeddrive.path.program.motion import PLANES
@@ -25,6 +29,9 @@ ROUNDING = 1e-9
 
 TILTED = 1e-7
 """The largest distance of the curves that stand for an arc in a plane rotated by G10 R from this arc, m."""
+
+SWING = math.radians(5.0)
+"""The largest angle by which the tool may leave the plane between its directions at both ends of a feed, rad."""
 
 _ZERO = (0.0,) * 9
 _CANON_PLANES = {"CANON_PLANE_XY": PLANES[170], "CANON_PLANE_XZ": PLANES[180], "CANON_PLANE_YZ": PLANES[190]}
@@ -73,10 +80,14 @@ def _unit(axis: int, rotation: float) -> list[float]:
 class Frame:
     """The converter of commands to moves, with units, plane, offsets and the machine's position as its state.
 
-    axes  the axes of the machine with their travel; None for all nine without travel limits
+    axes        the axes of the machine with their travel; None for all nine without travel limits
+    kinematics  kinematics of the machine, with which moves may be those of the tip of the tool
     """
 
-    def __init__(self, axes: Travel | None = None) -> None:
+    def __init__(self, axes: Travel | None = None, kinematics: Kinematics | None = None) -> None:
+        self._kinematics = kinematics
+        self._tool_point: Kinematics | None = None
+        self._rotary: list[int] = []  # of the kinematics in use
         self._travel = None if axes is None else _travel_by_axis(axes)
         self._present = None if axes is None else [letter in {name.lower() for name in axes} for letter in AXES]
         self._here: Point = _ZERO
@@ -108,6 +119,7 @@ class Frame:
             "SET_G92_OFFSET": self._set_axis_offset,
             "SET_XY_ROTATION": self._set_rotation,
             "USE_TOOL_LENGTH_OFFSET": self._set_tool_offset,
+            "TOOL_POINT": self._set_tool_point,
             "SET_SPINDLE_SPEED": self._spindle,
             "START_SPINDLE_CLOCKWISE": self._spindle,
             "START_SPINDLE_COUNTERCLOCKWISE": self._spindle,
@@ -185,8 +197,35 @@ class Frame:
                 letter = AXES[axis].upper()
                 there = " ".join(name.upper() for name, here in zip(AXES, self._present, strict=True) if here)
                 raise BlockError(f"the machine has no axis {letter}; it has {there}: take the word out", letter)
-            if travel:
+            # the joints of the linear axes are not known before the path of the tip is joined
+            if travel and not (self._tool_point and axis < 3):
                 self._check_travel(axis, value)
+
+    def _check_turn(self, start: Point, end: Point, traverse: bool) -> None:
+        """Refuse an angle wound too far, and a feed in which the tool swings far from the plane of both directions."""
+        assert self._tool_point is not None
+        turn = 0.0
+        for axis in self._rotary:
+            turn = max(turn, abs(end[axis] - start[axis]))
+            if abs(end[axis]) > MOST_WOUND:
+                raise BlockError(
+                    f"axis {AXES[axis].upper()} would be wound to {Quantity(end[axis], 'rad'):deg}, and at most "
+                    f"{Quantity(MOST_WOUND, 'rad'):deg} are planned: unwind it in the program",
+                    AXES[axis].upper(),
+                )
+        # many blocks turn by little: theirs need no look
+        if traverse or turn < SWING:
+            return
+        rotary = np.array([[start[axis], end[axis]] for axis in self._rotary])
+        if len(leaves_arc(self._tool_point, rotary, SWING)):
+            letter = max(self._rotary, key=lambda axis: abs(end[axis] - start[axis]))
+            raise BlockError(
+                f"axis {AXES[letter].upper()} turns by {Quantity(abs(end[letter] - start[letter]), 'rad'):deg} in this "
+                f"feed, and the tool swings by more than {Quantity(SWING, 'rad'):deg} beside the plane of its "
+                "directions at both ends: the branch or the turn changes here; lift the tool and write G0, or give "
+                "blocks between",
+                AXES[letter].upper(),
+            )
 
     def _check_travel(self, axis: int, value: float) -> None:
         travel = self._travel[axis] if self._travel else None
@@ -216,6 +255,8 @@ class Frame:
         if end == start:
             return None
         self._check(start, end)
+        if self._tool_point:
+            self._check_turn(start, end, traverse)
         self._here = end
         return moves.Straight(command.line, start, end, traverse)
 
@@ -241,7 +282,7 @@ class Frame:
             turns *= c + s if self._plane[2] == 0 else c - s
         arc = Arc(command.line, start, end, (first, second, across), (center[first], center[second]), turns)
         self._check(start, end)
-        if self._travel is not None:
+        if self._travel is not None and not self._tool_point:
             self._check_extremes(arc)
         self._here = end
         return arc
@@ -320,7 +361,8 @@ class Frame:
         for point in points:
             self._check(start, point, travel=point is points[-1])
         for axis in range(9):
-            for value in spline.turns(axis) if self._travel and self._travel[axis] else ():
+            limited = self._travel and self._travel[axis] and not (self._tool_point and axis < 3)
+            for value in spline.turns(axis) if limited else ():
                 self._check_travel(axis, value)
         self._here = points[-1]
         return spline
@@ -414,6 +456,23 @@ class Frame:
     def _set_tool_offset(self, command: Command) -> Move:
         self._tool_offset = self._lengths(command.values)
         return self._offsets(command.line)
+
+    def _set_tool_point(self, command: Command) -> Move:
+        """Change to the tip of the tool, or back to the joints; the machine does not move."""
+        on, *offset = (float(value) for value in command.values)
+        kinematics = self._kinematics if on else self._tool_point
+        assert kinematics is not None
+        if on and any(offset):
+            x, y, z = offset
+            kinematics = replace(kinematics, tool=(-x, -y, -z))
+        self._rotary = [AXES.index(letter.lower()) for letter in kinematics.rotary_letters]
+        convert = kinematics.tip if on else kinematics.linear
+        here = convert(self._here[:3], [self._here[axis] for axis in self._rotary])
+        self._here = (*(float(x) for x in here), *self._here[3:])
+        self._tool_point = kinematics if on else None
+        self._tool_offset = _ZERO
+        self._shift = None
+        return moves.ToolPoint(command.line, self._tool_point)
 
     def _offsets(self, line: Line) -> Move:
         self._shift = None

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from feeddrive.language.quantity import Quantity, number
+from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import Block, BlockError, Line, LineReader, Parameters, Place, Step, Values
 from feeddrive.path.program.compensation import Compensation
@@ -33,6 +34,7 @@ from feeddrive.path.program.state import (
     State,
     Tool,
     choose_system,
+    end_tool_point,
     first_of,
     go_home,
     set_home,
@@ -596,6 +598,7 @@ class Switches:
 
     def _end(self, pallet: bool) -> None:
         state, emit = self._state, self._emit
+        end_tool_point(state, emit)
         numbered = state.parameters.numbered
         first = first_of(1)
         state.system = 1
@@ -652,6 +655,11 @@ class Switches:
 
     def _change_tool(self, code: int, block: Block) -> None:
         state, emit = self._state, self._emit
+        if state.tool_point:
+            name = blocks.name_of("m", code)
+            raise BlockError(
+                f"{name} changes the tool while its tip is moved (G43.4, G43.5): write G49 in a line before", name
+            )
         if code == 610:
             state.tool = block.whole("q", "M61", 0, 99999)
             emit("CHANGE_TOOL_NUMBER", state.tool)
@@ -689,6 +697,12 @@ class Switches:
             self._emit("COMMENT", "interpreter: cutter radius compensation off")
             return
         state, name = self._state, blocks.name_of("g", code)
+        if state.tool_point:
+            raise BlockError(
+                f"{name} has no meaning while the tip of a tilted tool is moved (G43.4, G43.5): write G49 before, or "
+                "program the center of the tool",
+                name,
+            )
         if state.plane == 190:
             raise BlockError(f"{name} acts in the planes XY and ZX: write G17 or G18 before", name)
         diameter = self._diameter(block, code, name)
@@ -849,6 +863,7 @@ class Interpreter:
     most_again   largest number of lines that loops and calls may repeat
     dialect      language of the program, a name in `DIALECTS`
     parameters   values of named parameters
+    kinematics   kinematics of the machine, for G43.4 and G43.5
     """
 
     def __init__(
@@ -862,10 +877,11 @@ class Interpreter:
         dialect: DialectName = "linuxcnc",
         *,
         parameters: Mapping[str, float] | None = None,
+        kinematics: Kinematics | None = None,
     ) -> None:
         self._dialect, self._rewrite = dialect, DIALECTS[dialect]
         self._parameters = Parameters(numbered)
-        self._state = State(self._parameters, tables_inch)
+        self._state = State(self._parameters, tables_inch, kinematics)
         self._tools = None if tools is None else dict(tools)
         self._skip_deleted = skip_deleted
         self._out: list[Command] = []
@@ -1030,6 +1046,8 @@ class Interpreter:
                     self._switches.act(step, number, block)
         elif "f" in words or "s" in words or "t" in words:
             self._feed_speed_tool(block)
+        if special >= 0 and self._state.tool_point:
+            self._refuse_in_joints(special, words)
         if special >= 0 and special != 530:
             self._offset(block, special, motion)
         if motion < 0 and words:
@@ -1088,6 +1106,16 @@ class Interpreter:
         for text in saved.lines(state):
             if text:
                 self._execute(blocks.read_block(self._line._replace(text=text), self._parameters, False))
+
+    def _refuse_in_joints(self, code: int, words: dict[str, float]) -> None:
+        """Refuse codes whose coordinates are those of the joints while X Y Z are the tip of the tool."""
+        name = blocks.name_of("g", code)
+        table = code == 100 and words.get("l") in (1, 10)
+        if table or code in (530, 280, 281, 300, 301):
+            what = "changes the tool" if table else "gives positions of the joints"
+            raise BlockError(
+                f"{name} {what} while the tip of the tool is moved (G43.4, G43.5): write G49 in a line before", name
+            )
 
     def _spindle_of(self, block: Block) -> int:
         """Return the number of the spindle ($) that S, M3, M4 or M5 of a block mean: 0 the first, -1 all."""

@@ -7,7 +7,11 @@ described for the XY plane; in G18 and G19 the axis normal to the plane replaces
 import math
 from collections.abc import Callable
 
+import numpy as np
+
 from feeddrive.language.quantity import Quantity
+from feeddrive.path.kinematics import UnreachableError
+from feeddrive.path.orientation import choose_rotary
 from feeddrive.path.program.blocks import AXES, Block, BlockError, name_of
 from feeddrive.path.program.moves import MOST_TURNS, center_of_radius, check_radii, sweep
 from feeddrive.path.program.nurbs import HIGHEST_ORDER, Nurbs
@@ -276,8 +280,43 @@ class Motion:
         if code >= 20:
             self._arc(block, code)
             return
-        target, _ = self.target(block)
+        target, moved = self.target(block)
+        if state.aims:
+            self._aim(block, target, moved)
         self._straight(block, code, target)
+
+    def _aim(self, block: Block, target: list[float], moved: list[int]) -> None:
+        """Turn the rotary axes of a target so that the tool has the direction I J K, from its tip to the spindle.
+
+        They take the nearest of all positions within the travel; at the pole the free one stays.
+        """
+        kinematics = self._state.tool_point
+        assert kinematics is not None
+        axes = [AXIS_OF[letter.lower()] for letter in kinematics.rotary_letters]
+        turned = [AXES[axis].upper() for axis in axes if axis in moved]
+        if turned:
+            raise BlockError(
+                f"G43.5 gives the direction of the tool by I J K, not by {turned[0]}: write I J K, or G43.4 before",
+                turned[0],
+            )
+        words = [block.take(letter) for letter in _CENTER]
+        if words == [None, None, None]:
+            return
+        vector = [word or 0.0 for word in words]
+        length = math.hypot(*vector)
+        if length == 0.0:
+            raise BlockError("the direction of the tool I J K has no length: write I0 J0 K1 for an upright tool", "I")
+        start = [math.radians(target[axis]) for axis in axes]
+        direction = np.array(vector)[:, None] / length
+        try:
+            rotary = choose_rotary(kinematics, direction, start=start).rotary[:, 0]
+        except UnreachableError as error:
+            raise BlockError(str(error), "I") from None
+        if kinematics.rotary(direction).at_pole[0]:
+            free = kinematics.rotary(direction).free
+            rotary[free] = start[free]
+        for axis, angle in zip(axes, rotary.tolist(), strict=True):
+            target[axis] = math.degrees(angle)
 
     def _other_motion(self, block: Block, code: int, machine: bool) -> None:
         state = self._state

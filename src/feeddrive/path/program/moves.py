@@ -15,6 +15,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from feeddrive.language.quantity import Quantity
+from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program.blocks import BlockError, Line
 
 Value = float | str
@@ -346,6 +347,16 @@ class Offsets:
 
 
 @dataclass(frozen=True, slots=True)
+class ToolPoint:
+    """The frame of the following moves: with `kinematics`, which include the tool, X Y Z are the tip of the tool in the
+    frame of the workpiece (G43.4, G43.5); without, they are the joints (G49).
+    """
+
+    source: Line
+    kinematics: Kinematics | None
+
+
+@dataclass(frozen=True, slots=True)
 class Switch:
     """A switching command: `what` (mist, flood, feed_override, output 3 ...) is set to `value`."""
 
@@ -411,6 +422,7 @@ Move = (
     | Synchronized
     | ToolChange
     | Offsets
+    | ToolPoint
     | Switch
     | Message
     | Ignored

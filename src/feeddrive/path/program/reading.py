@@ -19,6 +19,7 @@ from typing import Literal
 from feeddrive.language.errors import MissingProgramError, ParameterError, ProgramError, plain
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
+from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import BlockError, Line, LineReader, Place
 from feeddrive.path.program.dialects import DialectName
@@ -306,6 +307,7 @@ def read_program(
     most_again: int = MOST_AGAIN,
     parameters: Mapping[str, float] | None = None,
     dialect: DialectName = "linuxcnc",
+    kinematics: Kinematics | None = None,
 ) -> Generator[Move]:
     """Yield the moves of a part program (RS-274/NGC) in constant memory: m, rad, s, machine coordinates.
 
@@ -320,6 +322,7 @@ def read_program(
     most_again    largest number of lines that loops and calls may repeat
     parameters    values of named parameters that the program does not set, such as {"_hal[plasmac.cut-feed-rate]": 40}
     dialect       linuxcnc: RS-274/NGC; grbl; marlin: a 3D printer, whose E is the axis U; siemens: SINUMERIK
+    kinematics    kinematics of the machine, with which G43.4 and G43.5 move the tip of the tool
 
     An invalid program ends the iteration with a `ProgramError` stating file, line, column, word and reason.
     """
@@ -333,8 +336,9 @@ def read_program(
         most_again=most_again,
         parameters=parameters,
         dialect=dialect,
+        kinematics=kinematics,
     )
-    return _moves(Frame(axes), commands)
+    return _moves(Frame(axes, kinematics), commands)
 
 
 def _moves(frame: Frame, commands: Generator[Command]) -> Generator[Move]:
@@ -354,6 +358,7 @@ def read_commands(
     most_again: int = MOST_AGAIN,
     parameters: Mapping[str, float] | None = None,
     dialect: DialectName = "linuxcnc",
+    kinematics: Kinematics | None = None,
 ) -> Generator[Command]:
     """Yield the canonical commands of a part program, in its own units and coordinates; see `read_program`."""
     path = Path(program)
@@ -379,5 +384,13 @@ def read_commands(
         )
         return interpreter.commands()
     return Interpreter(
-        path, table, numbered, tables_inch, skip_deleted, most_again, dialect, parameters=parameters
+        path,
+        table,
+        numbered,
+        tables_inch,
+        skip_deleted,
+        most_again,
+        dialect,
+        parameters=parameters,
+        kinematics=kinematics,
     ).commands()

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from feeddrive.language.errors import FileError, shown
 from feeddrive.language.quantity import Quantity
+from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program.blocks import AXES, Block, BlockError, Parameters, name_of
 from feeddrive.path.program.compensation import Compensation
 from feeddrive.path.program.nurbs import Nurbs
@@ -124,10 +125,15 @@ class State:
     extruder_incremental  `incremental` for the axis U, which G90 and G91 set too, and M82 and M83 of a printer alone
     nurbs         the curve of G5.2 or G6.2 whose control points are being read
     leaving       the position of the tool's center between G40 and the next move; otherwise None
+    kinematics    the kinematics of the machine, if it has any
+    tool_point    the kinematics with the tool, while X Y Z are its tip in the frame of the workpiece; otherwise None
+    aims          True if a block then gives the direction of the tool by I J K (G43.5)
     """
 
-    def __init__(self, parameters: Parameters, user_inch: bool) -> None:
+    def __init__(self, parameters: Parameters, user_inch: bool, kinematics: Kinematics | None = None) -> None:
         self.parameters = parameters
+        self.kinematics, self.aims = kinematics, False
+        self.tool_point: Kinematics | None = None
         self.user_inch = user_inch
         self.inch = False
         self.position = [0.0] * 9
@@ -193,6 +199,11 @@ class State:
         scale = self.scale
         for axis, value in enumerate(values):
             self.parameters.numbered[first + axis] = value / scale if axis in LINEAR else value
+
+    @property
+    def meters(self) -> float:
+        """The number of program length units per meter."""
+        return 1000.0 / INCH if self.inch else 1000.0
 
     def to_program(self, values: Sequence[float]) -> list[float]:
         """Convert nine values from the user's unit to the program's."""
@@ -399,8 +410,72 @@ def _write_tool(
     emit("SET_TOOL_TABLE_ENTRY", tool.pocket, number, *values)
 
 
+def through(state: State, kinematics: Kinematics, to_joints: bool) -> list[float]:
+    """Return the position of the machine in the other frame, in program units: from the tip of the tool to the joints
+    or back.
+    """
+    point, unit = state.machine(state.position), state.meters
+    rotary = [math.radians(point[AXES.index(letter.lower())]) for letter in kinematics.rotary_letters]
+    convert = kinematics.linear if to_joints else kinematics.tip
+    return [*(x * unit for x in convert([x / unit for x in point[:3]], rotary)), *point[3:]]
+
+
+def end_tool_point(state: State, emit: Emit) -> None:
+    """End G43.4 or G43.5: X Y Z are the joints again, which do not move."""
+    if state.tool_point:
+        joints = through(state, state.tool_point, True)
+        state.tool_point, state.aims = None, False
+        state.position = state.program(joints)
+        emit("TOOL_POINT", 0)
+
+
+def _begin_tool_point(state: State, block: Block, emit: Emit, tools: dict[int, Tool], code: int) -> None:
+    """Execute G43.4 or G43.5 with the tool H: from here on X Y Z are the tip of the tool in the frame of the workpiece,
+    whose place in the machine is that at rotary zero.
+    """
+    name = name_of("g", code)
+    if state.kinematics is None:
+        raise BlockError(
+            f"{name} moves the tip of the tool, and the machine has no kinematics: give the machine file a section "
+            "[kinematics]",
+            name,
+        )
+    offset = [x / state.meters if axis in LINEAR else x for axis, x in enumerate(_of_table(state, block, tools, name))]
+    if any(offset[axis] for axis in range(9) if axis > 2):
+        raise BlockError(f"the tool of {name} has an offset of another axis than X, Y and Z: take it out", "H")
+    # a tool without an offset is that of the machine file
+    kinematics = state.kinematics
+    kinematics = replace(kinematics, tool=(-offset[0], -offset[1], -offset[2])) if any(offset) else kinematics
+    tip = through(state, kinematics, False)
+    state.tool_point, state.aims = kinematics, code == 435
+    state.tool_offset = [0.0] * 9
+    state.position = state.program(tip)
+    emit("TOOL_POINT", 1, *(offset[:3]))
+
+
+def _of_table(state: State, block: Block, tools: dict[int, Tool], name: str) -> list[float]:
+    """Return the offset of tool H, or without H of the tool in the spindle, in the program's unit."""
+    number = block.whole("h", name, 0, 99999, None if name == "G43.2" else state.tool)
+    tool = tools.get(number)
+    if tool is None and number:
+        raise BlockError(
+            f"tool {number} is not in the tool table: give the table with this tool", "H" if name == "G43.2" else name
+        )
+    return state.to_program(tool.offset) if tool else [0.0] * 9
+
+
 def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], code: int) -> None:
-    """Execute G43, G43.1, G43.2 or G49: set the tool offset."""
+    """Execute G43, G43.1, G43.2 or G49, which set the tool offset, or G43.4 or G43.5."""
+    if code == 490:
+        end_tool_point(state, emit)
+    elif state.tool_point:
+        raise BlockError(
+            f"{name_of('g', code)} changes the tool while its tip is moved (G43.4, G43.5): write G49 in a line before",
+            name_of("g", code),
+        )
+    if code in (434, 435):
+        _begin_tool_point(state, block, emit, tools, code)
+        return
     offset = [0.0] * 9
     if code == 431:
         offset = list(state.tool_offset)
@@ -410,14 +485,7 @@ def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], 
         for axis, value in coordinates.items():
             offset[axis] = value
     elif code in (430, 432):
-        name = name_of("g", code)
-        number = block.whole("h", name, 0, 99999, state.tool if code == 430 else None)
-        tool = tools.get(number)
-        if tool is None and number:
-            raise BlockError(
-                f"tool {number} is not in the tool table: give the table with this tool", "H" if code == 432 else name
-            )
-        offset = state.to_program(tool.offset) if tool else offset
+        offset = _of_table(state, block, tools, name_of("g", code))
         if code == 432:
             offset = [o + t for o, t in zip(offset, state.tool_offset, strict=True)]
     state.keep_machine(tool_offset=offset)

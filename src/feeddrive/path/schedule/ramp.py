@@ -41,7 +41,7 @@ class Slopes(NamedTuple):
 
 @kernel
 def bounds(piece: Piece, out: Records[Slopes]) -> float:
-    """Write the bounds of each axis into `out`; return a bound on |r'|.
+    """Write the bounds of each axis into `out`; return a bound on |r'|, or 1 for a paced piece.
 
     Polynomials are bounded by the convex hull of their Bernstein points, arcs in closed form.
     """
@@ -90,6 +90,8 @@ def bounds(piece: Piece, out: Records[Slopes]) -> float:
         out[i] = Slopes(_hull(c, 1, points) * scale1 * _WIDER, second, third, fourth)
         for k in range(7):
             norms[k] = norms[k] + points[k] * points[k]
+    if piece.kind == 3:
+        return 1.0
     for k in range(7):
         norm = max(norm, norms[k])
     return sqrt(norm) / piece.length * _WIDER

@@ -110,6 +110,8 @@ WINDOW = 400  # number of pieces
 _KEPT = 0.6  # of the length of a window becomes final
 HORIZON = 0.05
 """The longest part of a plateau that becomes final at once when the feed factor may change, s."""
+# shares of the speed to which a motion brakes if it cannot be planned from there
+_SLOWER = (0.97, 0.9, 0.75, 0.5, 0.25)
 _CAPS = 8  # largest number of trial speeds to brake to
 
 
@@ -177,7 +179,8 @@ class Schedule:
             planned = self._planned(last, ends, self._rooms, self._u, self._speed)
             if planned is None:
                 assert self._hand is not None  # from rest there is a plan
-                yield self._go(self._hand, 1)
+                slowed = self._slowed(last, ends) if self._override is None else None
+                yield self._go(slowed or self._hand, 1)
                 continue
             planned, count = (planned, len(planned.rows)) if ends else _cut(planned)
             if not count:
@@ -263,6 +266,25 @@ class Schedule:
                 behind = self._planned(last, ends, rooms, braking.end, speed)
                 return behind._replace(rows=np.vstack([row, behind.rows])) if behind is not None else None
             speed = lowest
+        return None
+
+    def _slowed(self, last: int, ends: bool) -> _Plan | None:
+        """Return a plan that brakes to the first of some speeds from which there is a plan; None if there is none.
+
+        A plan needs caps ahead that are no lower than its first speed.  Caps that fall from piece to piece, as where a
+        rotary axis turns ever faster, are below it, and the previous plan would be followed to its stop.
+        """
+        assert self._pieces is not None
+        begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
+        path = Path(begin, self._rooms[0].most[:last], self._rooms[0].caps[:last], self._limits)
+        for share in _SLOWER if self._speed > 0.0 else ():
+            speed = share * self._speed
+            braking = brake_soon(path, self._u, begin[-1] * (1.0 - MARGIN), self._speed, speed)
+            if braking.peak == 0.0 or not takes_time(braking, begin):
+                continue
+            behind = self._planned(last, ends, self._rooms, braking.end, speed)
+            if behind is not None:
+                return behind._replace(rows=np.vstack([np.array(columns(braking))[None, :], behind.rows]))
         return None
 
     def stop(self) -> Part | None:
