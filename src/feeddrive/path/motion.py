@@ -81,15 +81,30 @@ class Limits(NamedTuple):
     snap: float
 
 
+class Changes(NamedTuple):
+    """Where the line of the part program changes along a path: `line[k]` holds from the distance `at[k]` on.
+
+    A piece may stand for several lines: those of one direction, or those within a span of a spline.
+
+    at    distance from the start of the first piece by the lengths of the pieces, ascending, m, shape (n,)
+    line  line number, shape (n,)
+    """
+
+    at: np.ndarray
+    line: np.ndarray
+
+
 class Section(NamedTuple):
     """A section of a run: pieces that continue the previous section; `ends` is True if the run ends with it.
 
     tolerance  tolerance of the corner at which the run ends, m; 0: a stop
+    lines      lines of the part program along the pieces; None: that of each piece
     """
 
     pieces: Pieces
     ends: bool
     tolerance: float = 0.0
+    lines: Changes | None = None
 
 
 def counted(pieces: Pieces, weights: np.ndarray | None) -> Pieces:
@@ -261,11 +276,13 @@ class Entering(NamedTuple):
     Both motions have the same time intervals, and each stays on one piece of its path.
 
     tolerance  proven bound on the distance between q and the two pieces, m
+    lines      lines of the part program along the pieces; None: that of each piece
     """
 
     pieces: Pieces
     motion: Motion
     tolerance: float
+    lines: Changes | None = None
 
 
 class Part(NamedTuple):
@@ -279,6 +296,7 @@ class Part(NamedTuple):
              within it
     weights  the length that counts for one m or rad of each axis in path speeds (`Pieces.feed`) and distances, m, shape
              (N,); None: 1
+    lines    lines of the part program along the pieces; None: that of each piece
     """
 
     pieces: Pieces
@@ -287,6 +305,7 @@ class Part(NamedTuple):
     entering: Entering | None = None
     mode: str = ""
     weights: np.ndarray | None = None
+    lines: Changes | None = None
 
 
 class Pause(NamedTuple):

@@ -22,6 +22,7 @@ from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.geometry.weights import ANGLE_TOLERANCE
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.motion import (
+    Changes,
     Derivatives,
     Motion,
     Part,
@@ -71,6 +72,7 @@ def planned(
     lifter = Lifter(limits) if override is None else None
     joints: deque[str] = deque()  # path modes of the undecided joints
     modes: deque[str] = deque()  # path modes at the ends of runs not yet yielded
+    lines = _Lines()
 
     def leaving(parts: Iterable[Part | Pause]) -> Iterator[Part | Pause]:
         for part in parts:
@@ -80,7 +82,7 @@ def planned(
             # an overlap is contained in both runs, so that its time was counted twice
             if part.entering is not None:
                 schedule.time -= float(part.motion.duration.sum())
-            part = _in_radians(part, weights)
+            part = _in_radians(lines.told(part), weights)
             yield part._replace(mode=modes.popleft()) if part.ends else part
 
     for segments in chains(moves, axes, angle_tolerance):
@@ -98,12 +100,65 @@ def planned(
         # only a chain from rest to rest can be planned by itself, in either way
         whole = _quicker(segments, weighted) if lifter and joiner.rests and segments.ends else None
         sections, joint = whole[:2] if whole else joiner.join(segments)
+        for section in sections:
+            lines.add(section)
         joints.extend(segments.modes)
         for stop in joint.stop:
             mode = joints.popleft()
             if stop:
                 modes.append(mode)
         yield from leaving(whole[2] if whole else _planned_along(sections, segments.ends, schedule, lifter, crossings))
+
+
+class _Run:
+    """Where the line changes along a run, whose parts are yielded one after the other."""
+
+    def __init__(self) -> None:
+        self.length = 0.0  # m, known so far
+        self.changes: list[Changes] = []
+        self.passed = 0.0  # m, up to the first piece of the next part
+        self.known = Changes(np.zeros(0), np.zeros(0, np.int64))
+
+    def within(self, length: float) -> Changes:
+        """Return the changes from `passed` on over a length, m."""
+        if self.changes:
+            self.known = Changes(*(np.concatenate(columns) for columns in zip(self.known, *self.changes, strict=True)))
+            self.changes = []
+        first = max(int(np.searchsorted(self.known.at, self.passed, side="right")) - 1, 0)
+        # what has been passed is dropped, since a run may go on for as long as the program does
+        self.known = Changes(self.known.at[first:], self.known.line[first:])
+        last = int(np.searchsorted(self.known.at, self.passed + length, side="right"))
+        return Changes(self.known.at[:last] - self.passed, self.known.line[:last])
+
+
+class _Lines:
+    """The lines along the runs whose sections are joined and whose parts are not yet yielded."""
+
+    def __init__(self) -> None:
+        self._runs: deque[_Run] = deque()
+        self._open = False
+
+    def add(self, section: Section) -> None:
+        """Add the next section."""
+        if not self._open:
+            self._runs.append(_Run())
+        run, self._open = self._runs[-1], not section.ends
+        if section.lines is not None:
+            run.changes.append(Changes(section.lines.at + run.length, section.lines.line))
+        run.length += float(np.sum(section.pieces.length))
+
+    def told(self, part: Part) -> Part:
+        """Return the next part with the lines along its pieces."""
+        run, length = self._runs[0], part.pieces.length
+        changes = run.within(float(np.sum(length)))
+        # the next part begins on the piece on which this one ends
+        run.passed += float(np.sum(length[:-1]))
+        if part.ends:
+            self._runs.popleft()
+        entering = part.entering
+        if entering is not None:
+            entering = entering._replace(lines=self._runs[0].within(float(np.sum(entering.pieces.length))))
+        return part._replace(lines=changes, entering=entering)
 
 
 def _in_radians(part: Part, weights: np.ndarray | None) -> Part:
@@ -393,7 +448,7 @@ class Setpoints:
             self.samples += len(values)
             yield samples
         self.time += float(np.sum(motion.duration))
-        self._last_line = int(pieces.line[-1])
+        self._last_line = int((pieces if part.lines is None else part.lines).line[-1])
         self._position, along = _end(part)
         if part.ends and part.entering is None:
             self.runs += 1
@@ -459,8 +514,23 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
 
 
 def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the program line and feed at given times, s, from the start of a part."""
-    pieces, motion = part.pieces, part.motion
+    """Return the program line and feed at given times, s, from the start of a part.
+
+    Where the next run is entering, they are those of the run that is farther from the corner: the distance to the path
+    is measured from its point there (`proof`).
+    """
+    far, line, feed = _along_path(part.pieces, part.motion, part.lines, times)
+    if part.entering is None:
+        return line, feed
+    gone, next_line, next_feed = _along_path(part.entering.pieces, part.entering.motion, part.entering.lines, times)
+    entered = gone > float(np.sum(part.pieces.length)) - far
+    return np.where(entered, next_line, line), np.where(entered, next_feed, feed)
+
+
+def _along_path(
+    pieces: Pieces, motion: Motion, lines: Changes | None, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the distance from the start of the first piece (m), the program line and the feed at given times, s."""
     begins = np.cumsum(motion.duration) - motion.duration
     m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
     far = np.cumsum(pieces.length)
@@ -469,7 +539,10 @@ def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     gone: Any = way.python  # plain arithmetic, which also accepts arrays
     u += gone(v, a, j, s, times - begins[m])
     p = np.clip(np.searchsorted(far, u), 0, len(far) - 1)
-    return pieces.line[p], pieces.feed[p]
+    if lines is None:
+        return u, pieces.line[p], pieces.feed[p]
+    k = np.clip(np.searchsorted(lines.at, u, side="right") - 1, 0, len(lines.at) - 1)
+    return u, lines.line[k], pieces.feed[p]
 
 
 def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
