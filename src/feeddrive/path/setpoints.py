@@ -14,9 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from feeddrive.language.errors import ProgramError
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Records, Records2
-from feeddrive.language.quantity import number
+from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.text import Text
 from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
 from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.geometry.weights import ANGLE_TOLERANCE
@@ -36,6 +38,8 @@ from feeddrive.path.motion import (
     part_of_pieces,
     way,
 )
+from feeddrive.path.program.blocks import Line
+from feeddrive.path.program.budget import Spending
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
 from feeddrive.path.proof import Prover
 from feeddrive.path.schedule.corner import Crossings
@@ -52,6 +56,7 @@ def planned(
     limits: np.ndarray,
     override: Override | None = None,
     angle_tolerance: ArrayLike = ANGLE_TOLERANCE,
+    spending: Spending | None = None,
 ) -> Iterator[Part | Pause]:
     """Yield the runs of a program, each from rest to rest in one or more parts, and the pauses between them.
 
@@ -63,6 +68,7 @@ def planned(
     override         feed override; with it motions are not lifted, so that the planned motion is final only a short
                      time ahead
     angle_tolerance  tolerance of the rotary axes, as in `chains`, rad
+    spending         counts motion and processor time, as in `chains`
 
     Raises ProgramError as `chains` does.  The parts are planned but not proven: pass them to a `Prover`.
     """
@@ -85,7 +91,7 @@ def planned(
             part = _in_radians(lines.told(part), weights)
             yield part._replace(mode=modes.popleft()) if part.ends else part
 
-    for segments in chains(moves, axes, angle_tolerance):
+    for segments in chains(moves, axes, angle_tolerance, spending):
         if isinstance(segments, Pause):
             schedule.time += segments.duration
             yield segments
@@ -378,6 +384,7 @@ class Setpoints:
 
     moves        moves from `read_program`
     sample_time  sample time of the loop, s
+    spending     counts motion and processor time, and refuses too much; None: within the usual budget
     stops        standstills since the list was last emptied
     blocks       number of straight moves, arcs and splines read
     line         program line being read
@@ -387,13 +394,20 @@ class Setpoints:
     """
 
     def __init__(
-        self, moves: Iterable[Move], limits: MachineLimits, sample_time: float, override: Override | None = None
+        self,
+        moves: Iterable[Move],
+        limits: MachineLimits,
+        sample_time: float,
+        override: Override | None = None,
+        spending: Spending | None = None,
     ) -> None:
         self.limits, self.sample_time = limits, sample_time
         self.stops: list[Standstill] = []
         self.blocks = self.line = self.samples = self.runs = 0
         self.time = 0.0
         self._array, self._moves, self._override = limits.array, moves, override
+        self._spending = spending or Spending()
+        self._source = Line("", 0, "")  # of the move read last
         self.prover = Prover(self._array)
         self._sampler = Sampler(sample_time)
         self._counts = np.zeros(4 * len(limits.axes) + 3, np.int64)
@@ -406,7 +420,9 @@ class Setpoints:
 
     def __iter__(self) -> Iterator[Samples]:
         angles = self.limits.angle_tolerances
-        for part in planned(self._counted(), self.limits.letters, self._array, self._override, angles):
+        letters = self.limits.letters
+        for part in planned(self._counted(), letters, self._array, self._override, angles, self._spending):
+            self._check_motion(part)
             if isinstance(part, Part):
                 yield from self._part(part)
             else:
@@ -422,9 +438,22 @@ class Setpoints:
         counted = zip(self.limits.causes, self._counts, strict=True)
         return {name: float(n * self.sample_time) for name, n in counted if n}
 
+    def _check_motion(self, part: Part | Pause) -> None:
+        """Raise ProgramError if the motion as planned is too long: by an override, or by limits below the feed."""
+        lasts = part.duration if isinstance(part, Pause) else float(np.sum(part.motion.duration))
+        if self.time + lasts <= self._spending.budget.longest:
+            return
+        number = part.line if isinstance(part, Pause) else int(part.pieces.line[-1])
+        reason = Text(
+            f"the motion up to here is planned to last {Quantity((self.time + lasts) / 3600.0, 'h'):4}, and at most "
+            f"{Quantity(self._spending.budget.longest / 3600.0, 'h'):4}: see feed, override and limits, or allow more with "
+            "--longest"
+        )
+        raise ProgramError(self._source.file, number, 1, "", reason)
+
     def _counted(self) -> Iterator[Move]:
         for move in self.limits.resolved(self._moves):
-            self.line = move.source.number
+            self.line, self._source = move.source.number, move.source
             self.blocks += isinstance(move, Straight | Arc | Spline)
             yield move
 
@@ -445,6 +474,7 @@ class Setpoints:
             speed = np.linalg.norm(values[:, :, 1] if weights is None else values[:, :, 1] * weights, axis=1)
             samples = Samples(self.samples, values, *_where(part, times), speed, self.proven)
             self._attribute(samples)
+            self._spending.check_cpu(Line(self._source.file, int(samples.line[-1]) if len(values) else self.line, ""))
             self.samples += len(values)
             yield samples
         self.time += float(np.sum(motion.duration))
@@ -476,6 +506,7 @@ class Setpoints:
             self.samples += len(values)
             # a standstill has no limiting axis, so it is counted here and not by `_attribute`
             self._counts[-1] += len(values)
+            self._spending.check_cpu(Line(self._source.file, line, ""))
             yield samples
             duration -= now
         self.time = ends

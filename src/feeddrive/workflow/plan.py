@@ -26,6 +26,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.planned import Planned, Take, planned_of
+from feeddrive.path.program.budget import LONGEST, MOST_CPU, Budget, Spending
 from feeddrive.path.program.dialects import DialectName
 from feeddrive.path.program.moves import Ignored, Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
@@ -91,6 +92,20 @@ class PlanRequest(Request):
         least=1e-3,
         most=1e3,
     )
+    longest: float = option(
+        "longest motion; a program that lasts longer at its feeds is refused at its line",
+        default=LONGEST,
+        unit="s",
+        entered="h",
+        above=0.0,
+    )
+    most_cpu: float = option(
+        "processor time of reading, planning and sampling, to which 2 ms are added for each line of the file",
+        default=MOST_CPU,
+        unit="s",
+        entered="s",
+        above=0.0,
+    )
     watch: bool = option("print a line of progress every 5 s", default=False)
     out: Path | None = option(OUT, short="-o", default=None)
 
@@ -127,7 +142,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     # a generator that an error leaves suspended would keep the program file open
     left_out = Counter[str]()
     with contextlib.closing(_moves(request, limits, progress, left_out)) as moves:
-        setpoints = Setpoints(moves, limits, sample_time, override)
+        setpoints = Setpoints(moves, limits, sample_time, override, Spending(Budget(request.longest, request.most_cpu)))
         if request.out is None:
             planned = planned_of(setpoints, *names)
             return _outcome(planned, None, machine, left_out)

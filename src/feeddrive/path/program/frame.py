@@ -12,6 +12,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.program import moves
 from feeddrive.path.program.blocks import AXES, BlockError, Line, located
+from feeddrive.path.program.budget import MOST_COMMANDS
 from feeddrive.path.program.motion import PLANES
 from feeddrive.path.program.moves import Arc, Command, Move, Point, sweep
 from feeddrive.path.program.state import LINEAR, rotated
@@ -268,6 +269,11 @@ class Frame:
         c, s = math.cos(angle), math.sin(angle)
         drift = [e - m - c * a - s * b for e, m, a, b in zip(end, center, u, v, strict=True)]
         count = max(1, math.ceil(abs(angle) * (math.hypot(x, y) / (384.0 * TILTED)) ** 0.25))
+        if count > MOST_COMMANDS:
+            reason = (
+                f"this arc in a rotated plane makes {count} curves, and a block at most {MOST_COMMANDS}: fewer turns"
+            )
+            raise located(line, BlockError(reason, "P"))
 
         def state(k: int) -> tuple[list[float], list[float]]:
             c, s = math.cos(angle * k / count), math.sin(angle * k / count)

@@ -15,6 +15,7 @@ from pathlib import Path
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import Block, BlockError, Line, LineReader, Parameters, Place, Step, Values
+from feeddrive.path.program.budget import MOST_AGAIN, MOST_AGAIN_AT_REST, MOST_COMMANDS
 from feeddrive.path.program.compensation import Compensation
 from feeddrive.path.program.dialects import DIALECTS, DialectName, Rewritten
 from feeddrive.path.program.motion import CURVE, MOVING, PLANES, Motion, emit_path_mode
@@ -40,10 +41,6 @@ from feeddrive.path.program.state import (
 
 DEEPEST_CALL = 50
 """The deepest nesting of subroutine calls."""
-MOST_AGAIN = 10_000_000
-"""The largest number of lines that loops and calls may repeat in a whole program."""
-MOST_AGAIN_AT_REST = 1_000_000
-"""The largest number of lines that loops and calls may repeat between two lines with a motion or an offset."""
 
 _STATEMENT = re.compile(
     r"(endsub|sub|call|return|if|elseif|else|endif|while|endwhile|do|repeat|endrepeat|break|continue)"
@@ -835,6 +832,10 @@ class Interpreter:
         if self._state.compensation:
             self._state.compensation.take(command)
         else:
+            if len(self._out) >= MOST_COMMANDS:
+                raise BlockError(
+                    f"this block makes more than {MOST_COMMANDS} moves and events: make fewer pecks, repeats or points"
+                )
             self._out.append(command)
 
     def _write(self, command: Command) -> None:

@@ -21,9 +21,10 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import BlockError, Line, LineReader, Place
+from feeddrive.path.program.budget import MOST_AGAIN, check_lines
 from feeddrive.path.program.dialects import DialectName
 from feeddrive.path.program.frame import Frame, Travel
-from feeddrive.path.program.interpreter import MOST_AGAIN, Interpreter
+from feeddrive.path.program.interpreter import Interpreter
 from feeddrive.path.program.moves import Command, Move, read_command
 from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINEAR, SYSTEM, SYSTEMS, Tool, read_tools
 
@@ -358,6 +359,7 @@ def read_commands(
 ) -> Generator[Command]:
     """Yield the canonical commands of a part program, in its own units and coordinates; see `read_program`."""
     path = Path(program)
+    check_lines(path)
     if dialect != "linuxcnc":
         if front_end == "rs274":
             raise ParameterError(
