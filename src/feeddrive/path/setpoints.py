@@ -22,7 +22,7 @@ from feeddrive.language.text import Text
 from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
 from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.geometry.weights import ANGLE_TOLERANCE
-from feeddrive.path.limits import MachineLimits
+from feeddrive.path.limits import LETTERS, MachineLimits
 from feeddrive.path.motion import (
     Changes,
     Derivatives,
@@ -40,7 +40,7 @@ from feeddrive.path.motion import (
 )
 from feeddrive.path.program.blocks import Line
 from feeddrive.path.program.budget import Spending
-from feeddrive.path.program.moves import Arc, Move, Spline, Straight
+from feeddrive.path.program.moves import Arc, Begin, Move, Spline, Straight
 from feeddrive.path.proof import Prover
 from feeddrive.path.schedule.corner import Crossings
 from feeddrive.path.schedule.lift import Lifter
@@ -446,8 +446,8 @@ class Setpoints:
         number = part.line if isinstance(part, Pause) else int(part.pieces.line[-1])
         reason = Text(
             f"the motion up to here is planned to last {Quantity((self.time + lasts) / 3600.0, 'h'):4}, and at most "
-            f"{Quantity(self._spending.budget.longest / 3600.0, 'h'):4}: see feed, override and limits, or allow more with "
-            "--longest"
+            f"{Quantity(self._spending.budget.longest / 3600.0, 'h'):4}: see feed, override and limits, or allow more "
+            "with --longest"
         )
         raise ProgramError(self._source.file, number, 1, "", reason)
 
@@ -455,6 +455,9 @@ class Setpoints:
         for move in self.limits.resolved(self._moves):
             self.line, self._source = move.source.number, move.source
             self.blocks += isinstance(move, Straight | Arc | Spline)
+            if isinstance(move, Begin):
+                # before the first motion: a dwell may come first, and stands there
+                self._position = np.array([move.position[LETTERS.index(letter)] for letter in self.limits.letters])
             yield move
 
     def _part(self, part: Part) -> Iterator[Samples]:

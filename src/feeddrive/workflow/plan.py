@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from math import isfinite
+from math import degrees, isfinite, radians
 from pathlib import Path
 from time import monotonic
 
@@ -22,13 +22,14 @@ from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import NoSlopeError, ParameterError, shown
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text, joined
-from feeddrive.path.limits import MachineLimits
+from feeddrive.path.geometry.weights import ROTARY
+from feeddrive.path.limits import LETTERS, MachineLimits
 from feeddrive.path.planned import Planned, Take, planned_of
 from feeddrive.path.program.budget import LONGEST, MOST_CPU, Budget, Spending
 from feeddrive.path.program.dialects import DialectName
-from feeddrive.path.program.moves import Ignored, Move, PathMode
+from feeddrive.path.program.moves import Begin, Ignored, Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
 from feeddrive.path.schedule.run import read_steps
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
@@ -92,6 +93,16 @@ class PlanRequest(Request):
         least=1e-3,
         most=1e3,
     )
+    from_line: int | None = option(
+        "line at which the program is resumed, with the modal state that the lines before it leave",
+        default=None,
+        least=1,
+    )
+    start: str | None = option(
+        "where the machine stands, in its coordinates, mm and degrees: X=10, Y=-5, C=90, other axes at 0; at 0 if left "
+        "out, or where the line of --from-line begins",
+        default=None,
+    )
     longest: float = option(
         "longest motion; a program that lasts longer at its feeds is refused at its line",
         default=LONGEST,
@@ -140,12 +151,12 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     override = None if request.override is None else read_steps(request.override)
     names = request.program.name, called(request.machine if machine is None else machine.name)
     # a generator that an error leaves suspended would keep the program file open
-    left_out = Counter[str]()
-    with contextlib.closing(_moves(request, limits, progress, left_out)) as moves:
+    left_out, begins = Counter[str](), list[Begin]()
+    with contextlib.closing(_moves(request, limits, progress, left_out, begins)) as moves:
         setpoints = Setpoints(moves, limits, sample_time, override, Spending(Budget(request.longest, request.most_cpu)))
         if request.out is None:
             planned = planned_of(setpoints, *names)
-            return _outcome(planned, None, machine, left_out)
+            return _outcome(planned, None, machine, left_out, begins)
         with new_directory(request.out) as folder:
             with setpoint_files(folder, limits, sample_time, request.program.name) as writer:
                 planned = planned_of(setpoints, *names, _into(writer))
@@ -154,7 +165,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
                 (folder / JOB).write_text(job, encoding="utf-8")
             progress.step("report")
             (folder / "report.html").write_text(html(plan_report(planned)), encoding="utf-8")
-    outcome = _outcome(planned, request.out, machine, left_out)
+    outcome = _outcome(planned, request.out, machine, left_out, begins)
     return replace(outcome, then=line("run", request.out / JOB)) if job else outcome
 
 
@@ -183,7 +194,9 @@ def _job(request: PlanRequest, machine: MachineFile | None, planned: Planned) ->
         request.override,
         request.sample_time,
         request.parameters,
-    ) != (None,) * 5
+        request.from_line,
+        request.start,
+    ) != (None,) * 7
     if machine is None or planned.proof.count or changed or request.front_end != "auto":
         return ""
     axis = next((name for name in machine.loops if name.upper() in planned.limits.letters), None)
@@ -230,8 +243,12 @@ def _into(writer: SetpointWriter) -> Take:
     return write
 
 
-def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress, left_out: Counter[str]) -> Generator[Move]:
-    """Yield the moves of the program, report the progress of reading, and count the codes that are left out."""
+def _moves(
+    request: PlanRequest, limits: MachineLimits, progress: Progress, left_out: Counter[str], begins: list[Begin]
+) -> Generator[Move]:
+    """Yield the moves of the program, report the progress of reading, count the codes that are left out, and record
+    where the program begins if that is not its first line at the machine's zero.
+    """
     front_end: FrontEnd = request.front_end  # type: ignore[assignment]
     dialect: DialectName = request.dialect  # type: ignore[assignment]
     moves = read_program(
@@ -242,8 +259,10 @@ def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress, left
         tables_inch=request.tables_inch,
         skip_deleted=request.skip_deleted,
         front_end=front_end,
-        parameters=None if request.parameters is None else _named_values(request.parameters),
+        parameters=None if request.parameters is None else _named_values("--parameters", request.parameters, _NAMED),
         dialect=dialect,
+        start=None if request.start is None else _start(request.start),
+        from_line=request.from_line or 0,
     )
     of = _lines_of(request.program)
     stated = moves if request.tolerance is None else _with_tolerance(moves, request.tolerance)
@@ -252,6 +271,8 @@ def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress, left
         for count, move in enumerate(stated):
             if isinstance(move, Ignored):
                 left_out[move.code] += 1
+            elif isinstance(move, Begin):
+                begins.append(move)
             yield move
             # a subroutine or a loop goes back in the file; the progress bar must not
             farthest = max(farthest, move.source.number)
@@ -267,8 +288,34 @@ def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress, left
                 progress.remark(f"line {farthest:,} of {of:,}, {count:,} moves")
 
 
-def _named_values(text: str) -> dict[str, float]:
-    """Return the values of `--parameters`, by name; raise ParameterError for an entry that is no name and number."""
+_NAMED = "_depth=3, _feed=40"
+
+
+def _start(text: str) -> dict[str, float]:
+    """Return the position of `--start`, m and rad, by axis letter."""
+    values = _named_values("--start", text, "X=10, Y=-5")
+    return {
+        letter.upper(): radians(value) if letter.upper() in ROTARY else 1e-3 * value for letter, value in values.items()
+    }
+
+
+def _begun(begin: Begin, letters: str) -> str:
+    """Return the sentence that says where the machine is assumed to stand, and in which state."""
+    stands = ", ".join(
+        f"{letter} {number(degrees(value) if letter in ROTARY else 1e3 * value, 8)}"
+        for letter, value in ((letter, begin.position[LETTERS.index(letter)]) for letter in letters)
+    )
+    place = f"the machine stands at {stands} (mm, degrees, machine coordinates)"
+    if not begin.state:
+        return f"Assumed: {place}; nothing checks it."
+    return (
+        f"Resumed at line {begin.source.number}. Assumed, and not checked: {place}, and the lines before have left "
+        f"{begin.state}. Set tool, spindle and coolant before."
+    )
+
+
+def _named_values(option: str, text: str, example: str) -> dict[str, float]:
+    """Return values by name; raise ParameterError for an entry of the option that is no name and number."""
     values: dict[str, float] = {}
     for entry in text.split(","):
         name, equals, number = entry.rpartition("=")
@@ -276,7 +323,7 @@ def _named_values(text: str) -> dict[str, float]:
             if name.strip() and equals and isfinite(float(number)):
                 values[name.strip()] = float(number)
                 continue
-        raise ParameterError(f"--parameters: {shown(entry.strip())} is no name with a number: write _depth=3, _feed=40")
+        raise ParameterError(f"{option}: {shown(entry.strip())} is no name with a number: write {example}")
     return values
 
 
@@ -288,10 +335,10 @@ def _with_tolerance(moves: Iterable[Move], tolerance: float) -> Iterator[Move]:
             yield replace(move, tolerance=tolerance)
         else:
             # the tolerance must hold from the first motion on, also in a program that never states a path mode
-            if not begun and not isinstance(move, PathMode):
+            if not begun and not isinstance(move, PathMode | Begin):
                 yield PathMode(move.source, "continuous", tolerance)
             yield move
-        begun = True
+        begun = begun or not isinstance(move, Begin)
 
 
 def _lines_of(program: Path) -> int:
@@ -302,7 +349,11 @@ def _lines_of(program: Path) -> int:
 
 
 def _outcome(
-    planned: Planned, out: Path | None, machine: MachineFile | None, left_out: Mapping[str, int]
+    planned: Planned,
+    out: Path | None,
+    machine: MachineFile | None,
+    left_out: Mapping[str, int],
+    begins: Sequence[Begin],
 ) -> Outcome[Planned]:
     remarks = [
         f"{count} x {reason}" for reason, count in sorted(planned.stop_reasons.items(), key=lambda item: -item[1])
@@ -313,7 +364,7 @@ def _outcome(
         # a program without motion has a cycle time of 0
         (f"{name} {Quantity(seconds / max(planned.cycle_time, 1e-9), 'share'):3}" for name, seconds in causes[:6]),
     )
-    sentences: list[str] = []
+    sentences = [_begun(begin, planned.limits.letters) for begin in begins]
     if causes:
         sentences += [f"Stops: {', '.join(remarks) or 'none'}.", Text(f"Most of the time is limited by: {told}.")]
     if left_out:

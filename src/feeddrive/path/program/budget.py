@@ -44,7 +44,7 @@ class Budget(NamedTuple):
     """The bounds of one program.
 
     longest  motion, s
-    cpu      processor time of reading, planning and sampling, s, to which `CPU_PER_LINE` is added for each line of the file
+    cpu      processor time of reading, planning and sampling, s, to which `CPU_PER_LINE` is added for each line
     """
 
     longest: float = LONGEST
@@ -89,9 +89,9 @@ class Spending:
         taken = now - self._begun
         if taken > most:
             reason = Text(
-                f"reading, planning and sampling have taken {Quantity(taken, 's'):4 SI} of processor time up to here, at most "
-                f"{Quantity(most, 's'):4 SI} for {self._farthest} lines of the file: does a loop never end? Otherwise "
-                "allow more with --most-cpu"
+                f"reading, planning and sampling have taken {Quantity(taken, 's'):4 SI} of processor time up to here, "
+                f"at most {Quantity(most, 's'):4 SI} for {self._farthest} lines of the file: does a loop never end? "
+                "Otherwise allow more with --most-cpu"
             )
             raise located(line, BlockError(reason))
 

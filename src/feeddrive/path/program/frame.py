@@ -10,6 +10,7 @@ from typing import cast
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.path.program import moves
 from feeddrive.path.program.blocks import AXES, BlockError, Line, located
 from feeddrive.path.program.budget import MOST_COMMANDS
@@ -74,13 +75,16 @@ def _unit(axis: int, rotation: float) -> list[float]:
 class Frame:
     """The converter of commands to moves, with units, plane, offsets and the machine's position as its state.
 
-    axes  the axes of the machine with their travel; None for all nine without travel limits
+    axes   the axes of the machine with their travel; None for all nine without travel limits
+    start  position of the machine before the first move, m and rad
+
+    Raises ParameterError for a start that the machine cannot have.
     """
 
-    def __init__(self, axes: Travel | None = None) -> None:
+    def __init__(self, axes: Travel | None = None, start: Mapping[str, float] | None = None) -> None:
         self._travel = None if axes is None else _travel_by_axis(axes)
         self._present = None if axes is None else [letter in {name.lower() for name in axes} for letter in AXES]
-        self._here: Point = _ZERO
+        self._here: Point = _ZERO if start is None else self.place(start)
         # divisors, not factors: 1/1000 is not exact in binary, and a product with it would be rounded twice
         self._divisors = [1000.0] * 9
         self._rotation = 0.0
@@ -121,6 +125,7 @@ class Frame:
             "MESSAGE": lambda c: moves.Message(c.line, str(c.values[0])),
             "IGNORED": lambda c: moves.Ignored(c.line, str(c.values[0])),
             "PRINT": lambda c: moves.Message(c.line, str(c.values[0])),
+            "RESUME": lambda c: moves.Begin(c.line, self._here, str(c.values[0])),
             "PROGRAM_STOP": lambda c: moves.Stop(c.line, False),
             "OPTIONAL_PROGRAM_STOP": lambda c: moves.Stop(c.line, True),
             "STRAIGHT_PROBE": self._probe,
@@ -129,6 +134,32 @@ class Frame:
             "FINISH": lambda c: moves.End(c.line),
         }
         self._mode: moves.PathMode | None = None
+
+    def place(self, start: Mapping[str, float]) -> Point:
+        """Return the point of a start position, m and rad, by axis letters; axes that are not named are at zero.
+
+        Raises ParameterError for an axis that the machine does not have, and a position beyond its travel.
+        """
+        point = [0.0] * 9
+        for letter, value in start.items():
+            axis = AXES.find(letter.lower()) if len(letter) == 1 else -1
+            if axis < 0 or (self._present is not None and not self._present[axis]):
+                there = [name.upper() for k, name in enumerate(AXES) if self._present is None or self._present[k]]
+                raise ParameterError(f"start: the machine has no axis {letter}; it has {', '.join(there)}")
+            travel = None if self._travel is None else self._travel[axis]
+            low, high = travel or (-FARTHEST, FARTHEST)
+            if not low <= value <= high:
+                unit = "rad" if 3 <= axis <= 5 else "m"
+                form = "deg" if 3 <= axis <= 5 else "mm"
+                raise ParameterError(
+                    Text(
+                        f"start: axis {letter.upper()} at {Quantity(value, unit):{form}} is beyond its travel of "
+                        f"{Quantity(low, unit):{form}} to {Quantity(high, unit):{form}}: give the position at which "
+                        "it stands"
+                    )
+                )
+            point[axis] = float(value)
+        return tuple(point)
 
     def moves(self, commands: Iterable[Command]) -> Iterator[Move]:
         """Yield the moves of the commands."""

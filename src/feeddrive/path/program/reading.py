@@ -13,6 +13,7 @@ import time
 from array import array
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
+from math import degrees
 from pathlib import Path
 from typing import Literal
 
@@ -25,7 +26,8 @@ from feeddrive.path.program.budget import MOST_AGAIN, check_lines
 from feeddrive.path.program.dialects import DialectName
 from feeddrive.path.program.frame import Frame, Travel
 from feeddrive.path.program.interpreter import Interpreter
-from feeddrive.path.program.moves import Command, Move, read_command
+from feeddrive.path.program.moves import Begin, Command, Move, Point, read_command
+from feeddrive.path.program.resume import resumed
 from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINEAR, SYSTEM, SYSTEMS, Tool, read_tools
 
 PROGRAM, PACKAGE = "rs274", "linuxcnc-uspace"
@@ -308,6 +310,8 @@ def read_program(
     most_again: int = MOST_AGAIN,
     parameters: Mapping[str, float] | None = None,
     dialect: DialectName = "linuxcnc",
+    start: Mapping[str, float] | None = None,
+    from_line: int = 0,
 ) -> Generator[Move]:
     """Yield the moves of a part program (RS-274/NGC) in constant memory: m, rad, s, machine coordinates.
 
@@ -322,9 +326,16 @@ def read_program(
     most_again    largest number of lines that loops and calls may repeat
     parameters    values of named parameters that the program does not set, such as {"_hal[plasmac.cut-feed-rate]": 40}
     dialect       linuxcnc: RS-274/NGC; grbl; marlin: a 3D printer, whose E is the axis U
+    start         where the machine stands, in machine coordinates, m and rad: {"X": 0.1}; other axes at its zero
+    from_line     line at which the program is resumed, with the modal state of the lines before it; 0: its beginning.
+                  The machine stands where this line begins, or at `start`, and goes there by a traverse
+
+    The first move is a `Begin` if either of the last two is given; the built-in interpreter then reads the program.
 
     An invalid program ends the iteration with a `ProgramError` stating file, line, column, word and reason.
     """
+    frame = Frame(axes, start if not from_line else None)
+    place = None if start is None else frame.place(start)
     commands = read_commands(
         program,
         tools=tools,
@@ -335,13 +346,19 @@ def read_program(
         most_again=most_again,
         parameters=parameters,
         dialect=dialect,
+        start=None if from_line else place,
+        from_line=from_line,
     )
-    return _moves(Frame(axes), commands)
+    if from_line:
+        return resumed(_moves(frame, commands), place)
+    return _moves(frame, commands, None if place is None else Begin(Line(str(program), 1, ""), place))
 
 
-def _moves(frame: Frame, commands: Generator[Command]) -> Generator[Move]:
+def _moves(frame: Frame, commands: Generator[Command], begin: Begin | None = None) -> Generator[Move]:
     """Yield the moves; always close the files of the commands at the end."""
     with closing(commands):
+        if begin is not None:
+            yield begin
         yield from frame.moves(commands)
 
 
@@ -356,10 +373,18 @@ def read_commands(
     most_again: int = MOST_AGAIN,
     parameters: Mapping[str, float] | None = None,
     dialect: DialectName = "linuxcnc",
+    start: Point | None = None,
+    from_line: int = 0,
 ) -> Generator[Command]:
     """Yield the canonical commands of a part program, in its own units and coordinates; see `read_program`."""
     path = Path(program)
     check_lines(path)
+    if start is not None or from_line:
+        if front_end == "rs274":
+            raise ParameterError(
+                f"{PROGRAM} starts at the zero of the machine and line 1: take the front end auto or own"
+            )
+        front_end = "own"
     if dialect != "linuxcnc":
         if front_end == "rs274":
             raise ParameterError(
@@ -376,6 +401,16 @@ def read_commands(
     numbered = None if offsets is None else blocks.read_offsets(offsets)
     if front_end == "rs274":
         return rs274_commands(path, table, numbered, tables_inch, skip_deleted)
+    stands = [0.0] * 9 if start is None else [1e3 * x if k in LINEAR else degrees(x) for k, x in enumerate(start)]
     return Interpreter(
-        path, table, numbered, tables_inch, skip_deleted, most_again, dialect, parameters=parameters
+        path,
+        table,
+        numbered,
+        tables_inch,
+        skip_deleted,
+        most_again,
+        dialect,
+        parameters=parameters,
+        start=stands,
+        from_line=from_line,
     ).commands()
