@@ -187,9 +187,7 @@ def test_the_tolerance_comes_from_file_and_option(tmp_path: Path) -> None:
         ("a", "", {"angle_tolerance": 1.0}, "--angle-tolerance: axis 'a': limits.tolerance = 57.3 deg is more than"),
     ],
 )
-def test_unfit_tolerances_are_refused(
-    axis: str, stated: str, given: dict[str, float], said: str, tmp_path: Path
-) -> None:
+def test_unfit_tolerances_are_refused(axis: str, stated: str, given: dict[str, Any], said: str, tmp_path: Path) -> None:
     """With file, axis, value, bound and what to do."""
     program, limits = tmp_path / "part.ngc", tmp_path / "limits.toml"
     program.write_text("G1 X1 F100\nM2\n", encoding="utf-8")

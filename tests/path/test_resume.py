@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -79,9 +80,18 @@ def program(tmp_path: Path) -> Text:
     return write
 
 
-def going(moves: list[Move]) -> list[tuple[object, ...]]:
-    """The moves along the path, each with the feed, the spindle and the path mode in which it runs."""
-    rows: list[tuple[object, ...]] = []
+class Run(NamedTuple):
+    """A move along the path, and the feed, the spindle and the path mode in which it runs."""
+
+    move: Straight | Arc | Spline
+    feed: object
+    spindle: object
+    mode: object
+
+
+def going(moves: list[Move]) -> list[Run]:
+    """The moves along the path."""
+    rows: list[Run] = []
     modes: dict[type, object] = {}
     for move in moves:
         if isinstance(move, Feed):
@@ -91,8 +101,13 @@ def going(moves: list[Move]) -> list[tuple[object, ...]]:
         elif isinstance(move, PathMode):
             modes[PathMode] = (move.mode, move.tolerance)
         elif isinstance(move, Straight | Arc | Spline):
-            rows.append((move, modes.get(Feed), modes.get(Spindle), modes.get(PathMode)))
+            rows.append(Run(move, modes.get(Feed), modes.get(Spindle), modes.get(PathMode)))
     return rows
+
+
+def called(move: Straight | Arc | Spline) -> bool:
+    """True for the move of the subroutine, which line 12 calls."""
+    return move.source.number == 3
 
 
 def test_a_resumed_program_makes_the_moves_that_are_left(program: Text) -> None:
@@ -109,13 +124,10 @@ def test_a_resumed_program_makes_the_moves_that_are_left(program: Text) -> None:
         begin, *left = read_program(path, from_line=line)
         assert isinstance(begin, Begin)
         assert begin.source.number == line
-        # the subroutine's lines come before those of its call, in line 12
-        ahead = [
-            row for row in going(every) if row[0].source.number >= line or (line <= 12 and row[0].source.number == 3)
-        ]  # type: ignore[attr-defined]
+        ahead = [run for run in going(every) if run.move.source.number >= line or (line <= 12 and called(run.move))]
         assert going(left) == ahead
         if ahead:
-            np.testing.assert_array_equal(begin.position, ahead[0][0].start)  # type: ignore[attr-defined]
+            np.testing.assert_array_equal(begin.position, ahead[0].move.start)
         assert not [move for move in left if isinstance(move, ToolChange) and line > 8]
 
 

@@ -96,7 +96,7 @@ def planned(
             schedule.time += segments.duration
             yield segments
             continue
-        if segments.weights is not None and not np.array_equal(segments.weights, weights):
+        if segments.weights is not None and (weights is None or not np.array_equal(segments.weights, weights)):
             # at a stop, where all earlier parts have been yielded
             weights, time = segments.weights, schedule.time
             weighted = limits * weights[:, None]
