@@ -152,9 +152,9 @@ def test_subroutines_call_each_other_50_deep(deep: int, refused: bool, commands:
 
 @pytest.mark.parametrize(("counter", "count", "refused"), [
     ("_again", 8_000_000, False), ("_again", 15_000_000, True),
-    ("_at_rest", 800_000, False), ("_at_rest", 1_500_000, True),
+    ("_at_rest", 240_000, False), ("_at_rest", 450_000, True),
 ])  # fmt: skip
-def test_ten_million_lines_are_read_again_and_a_million_without_a_motion(
+def test_ten_million_lines_are_read_again_and_300_000_without_a_motion(
     counter: str, count: int, refused: bool, tmp_path: Path
 ) -> None:
     program = tmp_path / "loop.ngc"

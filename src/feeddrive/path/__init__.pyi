@@ -27,6 +27,7 @@ from feeddrive.path.polygon import waypoints as waypoints
 from feeddrive.path.program.blocks import Line as Line
 from feeddrive.path.program.blocks import read_offsets as read_offsets
 from feeddrive.path.program.moves import Arc as Arc
+from feeddrive.path.program.moves import Begin as Begin
 from feeddrive.path.program.moves import Command as Command
 from feeddrive.path.program.moves import Dwell as Dwell
 from feeddrive.path.program.moves import End as End

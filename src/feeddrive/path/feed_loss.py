@@ -191,10 +191,10 @@ class FeedLossRecorder:
         factor  feed override
         speed   speed that the feed bounds, m/s, shape (n,); None: that of all axes together
         """
-        if speed is None:
-            speed = np.sqrt(np.einsum("ij,ij->i", values[:, :, 1], values[:, :, 1]))
+        velocity = values[:, :, 1]
+        along = np.sqrt(np.einsum("ij,ij->i", velocity, velocity)) if speed is None else speed
         programmed = feed / factor if factor > 0.0 else feed.copy()
-        self._batch.append((values, speed, programmed, line, shape, np.full(len(feed), factor)))
+        self._batch.append((values, along, programmed, line, shape, np.full(len(feed), factor)))
         self._waiting += len(feed)
         if self._waiting >= _AT_ONCE:
             self._evaluate()

@@ -101,15 +101,30 @@ class TipColumns(NamedTuple):
         return TipColumns(kinematics, linear, rotary)
 
 
+class Changes(NamedTuple):
+    """Where the line of the part program changes along a path: `line[k]` holds from the distance `at[k]` on.
+
+    A piece may stand for several lines: those of one direction, or those within a span of a spline.
+
+    at    distance from the start of the first piece by the lengths of the pieces, ascending, m, shape (n,)
+    line  line number, shape (n,)
+    """
+
+    at: np.ndarray
+    line: np.ndarray
+
+
 class Section(NamedTuple):
     """A section of a run: pieces that continue the previous section; `ends` is True if the run ends with it.
 
     tolerance  tolerance of the corner at which the run ends, m; 0: a stop
+    lines      lines of the part program along the pieces; None: that of each piece
     """
 
     pieces: Pieces
     ends: bool
     tolerance: float = 0.0
+    lines: Changes | None = None
 
 
 def counted(pieces: Pieces, weights: np.ndarray | None) -> Pieces:
@@ -281,11 +296,13 @@ class Entering(NamedTuple):
     Both motions have the same time intervals, and each stays on one piece of its path.
 
     tolerance  proven bound on the distance between q and the two pieces, m
+    lines      lines of the part program along the pieces; None: that of each piece
     """
 
     pieces: Pieces
     motion: Motion
     tolerance: float
+    lines: Changes | None = None
 
 
 class Part(NamedTuple):
@@ -301,6 +318,7 @@ class Part(NamedTuple):
     weights  the length that counts for one m or rad of each axis in path speeds (`Pieces.feed`) and distances, m, shape
              (N,); None: 1
     tip      the tool whose tip follows the program; None: the axes do
+    lines    lines of the part program along the pieces; None: that of each piece
     """
 
     pieces: Pieces
@@ -311,6 +329,7 @@ class Part(NamedTuple):
     factor: float = 1.0
     weights: np.ndarray | None = None
     tip: TipColumns | None = None
+    lines: Changes | None = None
 
 
 class Pause(NamedTuple):

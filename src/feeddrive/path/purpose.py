@@ -19,7 +19,7 @@ from feeddrive.language.errors import ParameterError, shown
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.path.limits import MachineLimits
-from feeddrive.path.program.moves import Move, PathMode
+from feeddrive.path.program.moves import Begin, Move, PathMode
 
 PurposeName = Literal["roughing", "finishing", "precision"]
 
@@ -133,7 +133,7 @@ def with_tolerance(moves: Iterable[Move], tolerance: float) -> Iterator[Move]:
             yield replace(move, tolerance=tolerance)
         else:
             # the tolerance must hold from the first motion on, also in a program that never states a path mode
-            if not begun and not isinstance(move, PathMode):
+            if not begun and not isinstance(move, PathMode | Begin):
                 yield PathMode(move.source, "continuous", tolerance)
             yield move
-        begun = True
+        begun = begun or not isinstance(move, Begin)

@@ -14,17 +14,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from feeddrive.language.errors import ProgramError
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Records, Records2
-from feeddrive.language.quantity import number
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.series import Taylor
+from feeddrive.language.text import Text
 from feeddrive.path.feed_loss import CORNER, FeedLossRecorder
 from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
 from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.geometry.weights import ANGLE_TOLERANCE
-from feeddrive.path.limits import MachineLimits
+from feeddrive.path.limits import LETTERS, MachineLimits
 from feeddrive.path.motion import (
     LINE,
+    Changes,
     Derivatives,
     Motion,
     Part,
@@ -40,7 +43,9 @@ from feeddrive.path.motion import (
     part_of_pieces,
     way,
 )
-from feeddrive.path.program.moves import Arc, Move, Spline, Straight, ToolPoint
+from feeddrive.path.program.blocks import Line
+from feeddrive.path.program.budget import Spending
+from feeddrive.path.program.moves import Arc, Begin, Move, Spline, Straight, ToolPoint
 from feeddrive.path.proof import Prover
 from feeddrive.path.purpose import DEFAULT, Settings
 from feeddrive.path.schedule.corner import Crossings
@@ -59,6 +64,7 @@ def planned(
     override: Override | None = None,
     angle_tolerance: ArrayLike = ANGLE_TOLERANCE,
     tip: TipProver | None = None,
+    spending: Spending | None = None,
 ) -> Iterator[Part | Pause]:
     """Yield the runs of a program, each from rest to rest in one or more parts, and the pauses between them.
 
@@ -71,6 +77,7 @@ def planned(
                      time ahead
     angle_tolerance  tolerance of the rotary axes, as in `chains`, rad
     tip              the prover of paths of the tip, which also has the travel of the joints
+    spending         counts motion and processor time, as in `chains`
 
     Raises ProgramError as `chains` does.  The parts are planned but not proven: pass them to a `Prover`.
     """
@@ -82,6 +89,7 @@ def planned(
     lifter = Lifter(limits) if override is None else None
     joints: deque[str] = deque()  # path modes of the undecided joints
     modes: deque[str] = deque()  # path modes at the ends of runs not yet yielded
+    lines = _Lines()
 
     def leaving(parts: Iterable[Part | Pause]) -> Iterator[Part | Pause]:
         for part in parts:
@@ -91,10 +99,10 @@ def planned(
             # an overlap is contained in both runs, so that its time was counted twice
             if part.entering is not None:
                 schedule.time -= float(part.motion.duration.sum())
-            part = _in_radians(part, weights) if of_tip is None else part._replace(tip=of_tip)
+            part = _in_radians(lines.told(part), weights) if of_tip is None else part._replace(tip=of_tip)
             yield part._replace(mode=modes.popleft()) if part.ends else part
 
-    for segments in chains(moves, axes, angle_tolerance):
+    for segments in chains(moves, axes, angle_tolerance, spending):
         if isinstance(segments, Pause):
             schedule.time += segments.duration
             yield segments
@@ -116,6 +124,8 @@ def planned(
         alone = lifter and joiner.rests and segments.ends and of_tip is None
         whole = _quicker(segments, weighted) if alone else None
         sections, joint = whole[:2] if whole else joiner.join(segments)
+        for section in sections:
+            lines.add(section)
         joints.extend(segments.modes)
         for stop in joint.stop:
             mode = joints.popleft()
@@ -125,6 +135,57 @@ def planned(
             tip.join(joint.deviation, segments)
             sections = [tip.joints(section, segments, of_tip) for section in sections]
         yield from leaving(whole[2] if whole else _planned_along(sections, segments.ends, schedule, lifter, crossings))
+
+
+class _Run:
+    """Where the line changes along a run, whose parts are yielded one after the other."""
+
+    def __init__(self) -> None:
+        self.length = 0.0  # m, known so far
+        self.changes: list[Changes] = []
+        self.passed = 0.0  # m, up to the first piece of the next part
+        self.known = Changes(np.zeros(0), np.zeros(0, np.int64))
+
+    def within(self, length: float) -> Changes:
+        """Return the changes from `passed` on over a length, m."""
+        if self.changes:
+            self.known = Changes(*(np.concatenate(columns) for columns in zip(self.known, *self.changes, strict=True)))
+            self.changes = []
+        first = max(int(np.searchsorted(self.known.at, self.passed, side="right")) - 1, 0)
+        # what has been passed is dropped, since a run may go on for as long as the program does
+        self.known = Changes(self.known.at[first:], self.known.line[first:])
+        last = int(np.searchsorted(self.known.at, self.passed + length, side="right"))
+        return Changes(self.known.at[:last] - self.passed, self.known.line[:last])
+
+
+class _Lines:
+    """The lines along the runs whose sections are joined and whose parts are not yet yielded."""
+
+    def __init__(self) -> None:
+        self._runs: deque[_Run] = deque()
+        self._open = False
+
+    def add(self, section: Section) -> None:
+        """Add the next section."""
+        if not self._open:
+            self._runs.append(_Run())
+        run, self._open = self._runs[-1], not section.ends
+        if section.lines is not None:
+            run.changes.append(Changes(section.lines.at + run.length, section.lines.line))
+        run.length += float(np.sum(section.pieces.length))
+
+    def told(self, part: Part) -> Part:
+        """Return the next part with the lines along its pieces."""
+        run, length = self._runs[0], part.pieces.length
+        changes = run.within(float(np.sum(length)))
+        # the next part begins on the piece on which this one ends
+        run.passed += float(np.sum(length[:-1]))
+        if part.ends:
+            self._runs.popleft()
+        entering = part.entering
+        if entering is not None:
+            entering = entering._replace(lines=self._runs[0].within(float(np.sum(entering.pieces.length))))
+        return part._replace(lines=changes, entering=entering)
 
 
 def _in_radians(part: Part, weights: np.ndarray | None) -> Part:
@@ -347,6 +408,7 @@ class Setpoints:
     moves        moves from `read_program`
     sample_time  sample time of the loop, s
     settings     tolerance and dynamics that moves and limits contain
+    spending     counts motion and processor time, and refuses too much; None: within the usual budget
     stops        standstills since the list was last emptied
     blocks       number of straight moves, arcs and splines read
     line         program line being read
@@ -363,12 +425,15 @@ class Setpoints:
         sample_time: float,
         override: Override | None = None,
         settings: Settings = DEFAULT,
+        spending: Spending | None = None,
     ) -> None:
         self.limits, self.sample_time, self.settings = limits, sample_time, settings
         self.stops: list[Standstill] = []
         self.blocks = self.line = self.samples = self.runs = 0
         self.time = 0.0
         self._array, self._moves, self._override = limits.array, moves, override
+        self._spending = spending or Spending()
+        self._source = Line("", 0, "")  # of the move read last
         self.prover = Prover(self._array)
         self.tip = TipProver(tuple(limits.travel.values()))
         self._sampler = Sampler(sample_time)
@@ -383,7 +448,9 @@ class Setpoints:
 
     def __iter__(self) -> Iterator[Samples]:
         angles = self.limits.angle_tolerances
-        for part in planned(self._counted(), self.limits.letters, self._array, self._override, angles, self.tip):
+        letters = self.limits.letters
+        for part in planned(self._counted(), letters, self._array, self._override, angles, self.tip, self._spending):
+            self._check_motion(part)
             if isinstance(part, Part):
                 yield from self._part(part)
             else:
@@ -399,12 +466,28 @@ class Setpoints:
         counted = zip(self.limits.causes, self._counts, strict=True)
         return {name: float(n * self.sample_time) for name, n in counted if n}
 
+    def _check_motion(self, part: Part | Pause) -> None:
+        """Raise ProgramError if the motion as planned is too long: by an override, or by limits below the feed."""
+        lasts = part.duration if isinstance(part, Pause) else float(np.sum(part.motion.duration))
+        if self.time + lasts <= self._spending.budget.longest:
+            return
+        number = part.line if isinstance(part, Pause) else int(part.pieces.line[-1])
+        reason = Text(
+            f"the motion up to here is planned to last {Quantity((self.time + lasts) / 3600.0, 'h'):4}, and at most "
+            f"{Quantity(self._spending.budget.longest / 3600.0, 'h'):4}: see feed, override and limits, or allow more "
+            "with --longest"
+        )
+        raise ProgramError(self._source.file, number, 1, "", reason)
+
     def _counted(self) -> Iterator[Move]:
         for move in self.limits.resolved(self._moves):
-            self.line = move.source.number
+            self.line, self._source = move.source.number, move.source
             self.blocks += isinstance(move, Straight | Arc | Spline)
             if isinstance(move, ToolPoint):
                 self.tip.begin(move)
+            if isinstance(move, Begin):
+                # before the first motion: a dwell may come first, and stands there
+                self._position = np.array([move.position[LETTERS.index(letter)] for letter in self.limits.letters])
             yield move
 
     def _part(self, part: Part) -> Iterator[Samples]:
@@ -431,10 +514,11 @@ class Setpoints:
             samples = Samples(self.samples, values, where.line, feed, speed, self.proven)
             self._attribute(samples)
             self.losses.add(values, programmed, where.line, where.shape, part.factor, speed)
+            self._spending.check_cpu(Line(self._source.file, int(samples.line[-1]) if len(values) else self.line, ""))
             self.samples += len(values)
             yield samples
         self.time += float(np.sum(motion.duration))
-        self._last_line = int(pieces.line[-1])
+        self._last_line = int((pieces if part.lines is None else part.lines).line[-1])
         self._position, along = _end(part)
         if part.ends and part.entering is None:
             self.runs += 1
@@ -464,6 +548,7 @@ class Setpoints:
             # a standstill has no limiting axis, so it is counted here and not by `_attribute`
             self._counts[-1] += len(values)
             self.losses.add(values, samples.feed, samples.line, np.full(len(values), LINE))
+            self._spending.check_cpu(Line(self._source.file, line, ""))
             yield samples
             duration -= now
         self.time = ends
@@ -542,7 +627,37 @@ def _where(part: Part, times: np.ndarray, velocity: np.ndarray) -> _Where:
 
     velocity  velocity limits of the axes, m/s, which are the feed of a traverse where two runs overlap
     """
-    pieces, motion = part.pieces, part.motion
+    at = _along_path(part.pieces, part.motion, part.lines, times)
+    feed = part.pieces.feed[at.piece]
+    if part.entering is None:
+        return _Where(at.line, feed, part.pieces.kind[at.piece], feed, at.rate)
+    entering = part.entering
+    other = _along_path(entering.pieces, entering.motion, entering.lines, times)
+    # that of the run that is farther from the corner: the distance to the path is measured from its point (`proof`)
+    entered = other.gone > float(np.sum(part.pieces.length)) - at.gone
+    first, second = np.abs(at.rate), np.abs(other.rate)
+    slowness = first / _feed(part.pieces, velocity, part.weights)
+    slowness += second / _feed(entering.pieces, velocity, part.weights)
+    return _Where(
+        np.where(entered, other.line, at.line),
+        np.where(entered, entering.pieces.feed[other.piece], feed),
+        np.full(len(times), CORNER),
+        np.where(slowness > 0.0, (first + second) / np.where(slowness > 0.0, slowness, 1.0), feed),
+        at.rate,
+    )
+
+
+class _Along(NamedTuple):
+    """Distance from the start of the first piece (m), index of the piece, program line and u' (m/s) of a run."""
+
+    gone: np.ndarray
+    piece: np.ndarray
+    line: np.ndarray
+    rate: np.ndarray
+
+
+def _along_path(pieces: Pieces, motion: Motion, lines: Changes | None, times: np.ndarray) -> _Along:
+    """Return where a run is at given times, s, from the start of its motion."""
     begins = np.cumsum(motion.duration) - motion.duration
     m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
     far = np.cumsum(pieces.length)
@@ -552,17 +667,12 @@ def _where(part: Part, times: np.ndarray, velocity: np.ndarray) -> _Where:
     gone: Any = way.python  # plain arithmetic, which also accepts arrays
     u += gone(v, a, j, s, since)
     p = np.clip(np.searchsorted(far, u), 0, len(far) - 1)
-    line, feed = pieces.line[p], pieces.feed[p]
-    speed_of: Any = cubic.python
-    rate = speed_of(v, a, j, s, since)
-    if part.entering is None:
-        return _Where(line, feed, pieces.kind[p], feed, rate)
-    first = np.abs(rate)
-    second = np.abs(speed_of(*(row[m] for row in part.entering.motion[3:]), since))
-    slowness = first / _feed(pieces, velocity, part.weights)
-    slowness += second / _feed(part.entering.pieces, velocity, part.weights)
-    programmed = np.where(slowness > 0.0, (first + second) / np.where(slowness > 0.0, slowness, 1.0), feed)
-    return _Where(line, feed, np.full(len(p), CORNER), programmed, rate)
+    rate_of: Any = cubic.python
+    rate = rate_of(v, a, j, s, since)
+    if lines is None:
+        return _Along(u, p, pieces.line[p], rate)
+    k = np.clip(np.searchsorted(lines.at, u, side="right") - 1, 0, len(lines.at) - 1)
+    return _Along(u, p, lines.line[k], rate)
 
 
 def _feed(pieces: Pieces, velocity: np.ndarray, weights: np.ndarray | None) -> float:

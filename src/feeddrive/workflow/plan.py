@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import isfinite
+from math import degrees, isfinite, radians
 from pathlib import Path
 from time import monotonic
 
@@ -22,13 +22,15 @@ from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import NoSlopeError, ParameterError, shown
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity
+from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.text import Text, joined
+from feeddrive.path.geometry.weights import ROTARY
 from feeddrive.path.kinematics import Kinematics
-from feeddrive.path.limits import MachineLimits
+from feeddrive.path.limits import LETTERS, MachineLimits
 from feeddrive.path.planned import Planned, Take, planned_of
+from feeddrive.path.program.budget import LONGEST, MOST_CPU, Budget, Spending
 from feeddrive.path.program.dialects import DIALECTS, DialectName
-from feeddrive.path.program.moves import Ignored, Move, PathMode
+from feeddrive.path.program.moves import Begin, Ignored, Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
 from feeddrive.path.purpose import PURPOSES, read_dynamics, settings, with_tolerance
 from feeddrive.path.schedule.run import read_steps
@@ -103,6 +105,30 @@ class PlanRequest(Request):
         least=1e-3,
         most=1e3,
     )
+    from_line: int | None = option(
+        "line at which the program is resumed, with the modal state that the lines before it leave",
+        default=None,
+        least=1,
+    )
+    start: str | None = option(
+        "where the machine stands, in its coordinates, mm and degrees: X=10, Y=-5, C=90, other axes at 0; at 0 if left "
+        "out, or where the line of --from-line begins",
+        default=None,
+    )
+    longest: float = option(
+        "longest motion; a program that lasts longer at its feeds is refused at its line",
+        default=LONGEST,
+        unit="s",
+        entered="h",
+        above=0.0,
+    )
+    most_cpu: float = option(
+        "processor time of reading, planning and sampling, to which 2 ms are added for each line of the file",
+        default=MOST_CPU,
+        unit="s",
+        entered="s",
+        above=0.0,
+    )
     watch: bool = option("print a line of progress every 5 s", default=False)
     out: Path | None = option(OUT, short="-o", default=None)
 
@@ -142,9 +168,10 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     names = program.name, called(request.machine if machine is None else machine.name)
     # a generator that an error leaves suspended would keep the program file open
     counts = Counts()
+    spending = Spending(Budget(request.longest, request.most_cpu))
     reading = _moves(request, program, limits, planned_kinematics(machine, limits), used.tolerance, progress, counts)
     with contextlib.closing(reading) as moves:
-        setpoints = Setpoints(moves, limits, sample_time, override, used)
+        setpoints = Setpoints(moves, limits, sample_time, override, used, spending)
         if request.out is None:
             planned = planned_of(setpoints, *names)
             return _outcome(planned, None, machine, counts)
@@ -186,6 +213,8 @@ def _job(request: PlanRequest, program: Path, machine: MachineFile | None, plann
         request.override,
         request.sample_time,
         request.parameters,
+        request.from_line,
+        request.start,
     )
     changed = any(value is not None for value in options)
     # a job compares the axes with the path, not the tip of the tool
@@ -239,10 +268,13 @@ def _into(writer: SetpointWriter) -> Take:
 
 @dataclass
 class Counts:
-    """What was counted while the program was read: codes that are left out, and tolerances that it states."""
+    """What was seen while the program was read: codes that are left out, the tolerances that it states, and where it
+    begins, if that is not its first line at the machine's zero.
+    """
 
     left_out: Counter[str] = field(default_factory=Counter[str])
     tolerances: int = 0
+    begin: Begin | None = None
 
 
 def _moves(
@@ -265,9 +297,11 @@ def _moves(
         tables_inch=request.tables_inch,
         skip_deleted=request.skip_deleted,
         front_end=front_end,
-        parameters=None if request.parameters is None else _named_values(request.parameters),
+        parameters=None if request.parameters is None else _named_values("--parameters", request.parameters, _NAMED),
         dialect=dialect,
         kinematics=kinematics,
+        start=None if request.start is None else _start(request.start),
+        from_line=request.from_line or 0,
     )
     of = _lines_of(program)
     counted = _counted(moves, counts)
@@ -290,8 +324,34 @@ def _moves(
                 progress.remark(f"line {farthest:,} of {of:,}, {count:,} moves")
 
 
-def _named_values(text: str) -> dict[str, float]:
-    """Return the values of `--parameters`, by name; raise ParameterError for an entry that is no name and number."""
+_NAMED = "_depth=3, _feed=40"
+
+
+def _start(text: str) -> dict[str, float]:
+    """Return the position of `--start`, m and rad, by axis letter."""
+    values = _named_values("--start", text, "X=10, Y=-5")
+    return {
+        letter.upper(): radians(value) if letter.upper() in ROTARY else 1e-3 * value for letter, value in values.items()
+    }
+
+
+def _begun(begin: Begin, letters: str) -> str:
+    """Return the sentence that says where the machine is assumed to stand, and in which state."""
+    stands = ", ".join(
+        f"{letter} {number(degrees(value) if letter in ROTARY else 1e3 * value, 8)}"
+        for letter, value in ((letter, begin.position[LETTERS.index(letter)]) for letter in letters)
+    )
+    place = f"the machine stands at {stands} (mm, degrees, machine coordinates)"
+    if not begin.state:
+        return f"Assumed: {place}; nothing checks it."
+    return (
+        f"Resumed at line {begin.source.number}. Assumed, and not checked: {place}, and the lines before have left "
+        f"{begin.state}. Set tool, spindle and coolant before."
+    )
+
+
+def _named_values(option: str, text: str, example: str) -> dict[str, float]:
+    """Return values by name; raise ParameterError for an entry of the option that is no name and number."""
     values: dict[str, float] = {}
     for entry in text.split(","):
         name, equals, number = entry.rpartition("=")
@@ -299,7 +359,7 @@ def _named_values(text: str) -> dict[str, float]:
             if name.strip() and equals and isfinite(float(number)):
                 values[name.strip()] = float(number)
                 continue
-        raise ParameterError(f"--parameters: {shown(entry.strip())} is no name with a number: write _depth=3, _feed=40")
+        raise ParameterError(f"{option}: {shown(entry.strip())} is no name with a number: write {example}")
     return values
 
 
@@ -309,6 +369,8 @@ def _counted(moves: Iterable[Move], counts: Counts) -> Iterator[Move]:
             counts.left_out[move.code] += 1
         elif isinstance(move, PathMode) and move.tolerance > 0.0:
             counts.tolerances += 1
+        elif isinstance(move, Begin):
+            counts.begin = move
         yield move
 
 
@@ -329,7 +391,7 @@ def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None, co
         # a program without motion has a cycle time of 0
         (f"{name} {Quantity(seconds / max(planned.cycle_time, 1e-9), 'share'):3}" for name, seconds in causes[:6]),
     )
-    sentences: list[str] = []
+    sentences = [] if counts.begin is None else [_begun(counts.begin, planned.limits.letters)]
     if causes:
         sentences += [f"Stops: {', '.join(remarks) or 'none'}.", Text(f"Most of the time is limited by: {told}.")]
         sentences += planned.loss.sentences(planned.cycle_time)

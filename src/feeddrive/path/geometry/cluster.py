@@ -718,10 +718,19 @@ def carried(e: int, u: float, many: int, goals: Goals, knots: Floats, begun: Unf
 
 
 class Joined(NamedTuple):
-    """The pieces of a path, and the number of the run of each."""
+    """The pieces of a path, and the way along the segments that each stands for.
+
+    runs     number of its run
+    segment  index of the segment at which it starts
+    begin    distance from the start of this segment, m
+    covers   length of the way along the segments, m: that of the piece, except in a blend
+    """
 
     pieces: Pieces
     runs: Ints
+    segment: Ints
+    begin: Floats
+    covers: Floats
 
 
 @kernel
@@ -754,6 +763,9 @@ def straight_pieces(
         out.pieces.feed[count] = feed[k]
         out.pieces.line[count] = lines.pieces.line[k]
         out.runs[count] = run
+        out.segment[count] = k
+        out.begin[count] = u - corner[k]
+        out.covers[count] = until - u
         count = count + 1
         u = until
         k = min(ends + 1, last)
@@ -780,6 +792,9 @@ def spline_pieces(
         out.pieces.length[count] = u - knots[e]
         out.pieces.line[count] = lines.pieces.line[k]
         out.runs[count] = run
+        out.segment[count] = k
+        out.begin[count] = knots[e] - corner[k]
+        out.covers[count] = u - knots[e]
         # a span may cover several lines, and exceeds the feed of none
         slowest = lines.pieces.feed[k]
         m = k

@@ -52,6 +52,7 @@ from feeddrive.path.geometry.segments import (
 )
 from feeddrive.path.motion import (
     POLYNOMIAL,
+    Changes,
     Derivatives,
     Piece,
     Pieces,
@@ -74,6 +75,7 @@ _FIRST, _MOST = 1e5, 100.0  # initial space for knots, and its largest multiple 
 _ALMOST = 1e-3  # rad, and relative to the curvature
 # between such arcs it costs no time to stay near the circle
 _LITTLE = 0.05  # of the tolerance, for the blend
+_SLIVER = 1e-9  # of a piece
 
 
 class Joint(NamedTuple):
@@ -211,6 +213,9 @@ def _blended(
         pieces.feed[count] = segments.feed[k]
         pieces.line[count] = segments.line[k]
         out.runs[count] = run
+        out.segment[count] = k
+        out.begin[count] = begin
+        out.covers[count] = pieces.length[count]
         count = count + 1
     if rounded.length > 0.0:
         for cut in range(_CUTS):
@@ -219,6 +224,11 @@ def _blended(
             pieces.feed[count] = min(segments.feed[k], segments.feed[k + 1])
             pieces.line[count] = segments.line[k] if 2 * cut < _CUTS else segments.line[k + 1]
             out.runs[count] = run
+            # the middle of the blend stands for the joint
+            way = 2.0 * rounded.length * cut / _CUTS
+            out.segment[count] = k if 2 * cut < _CUTS else k + 1
+            out.begin[count] = end + way if 2 * cut < _CUTS else way - rounded.length
+            out.covers[count] = 2.0 * rounded.length / _CUTS
             for i in range(axes):
                 piece = pieces.shape[count]
                 row = piece[i]
@@ -369,10 +379,13 @@ def join(
 
 
 class _Begun(NamedTuple):
-    """An unfinished spline, and the pieces from its current end to a stop after the last segment."""
+    """An unfinished spline, and the pieces from its current end to a stop after the last segment, with the changes of
+    the line along them.
+    """
 
     spline: Unfinished
     hand: Pieces
+    lines: Changes
 
 
 class Joiner:
@@ -419,7 +432,7 @@ class Joiner:
         assert self._held is not None
         far, (held, tolerance) = self._begun.spline.floor, self._held
         count, n = len(far), len(tolerance)
-        stop = Section(self._begun.hand, True, 0.0)
+        stop = Section(self._begun.hand, True, 0.0, self._begun.lines)
         before = Joint(np.append(np.maximum(far[:-1], far[1:]), 0.0), np.zeros(count, np.int64))
         before.stop[-1] = 1
         self._taken, self._flows, self._begun = 0.0, False, None
@@ -459,7 +472,8 @@ class Joiner:
             if pieces.kind[j - 1] == POLYNOMIAL or j == ended.pieces or pieces.kind[j] == POLYNOMIAL:
                 # a spline ends or begins there: its first and last span keep the other tenth
                 corner = CROSSED * corner
-            sections.append(Section(part_of_pieces(pieces, i, j), bool(runs[i] < ended.ended), corner))
+            changes = _changes(segments, out, i, j)
+            sections.append(Section(part_of_pieces(pieces, i, j), bool(runs[i] < ended.ended), corner, changes))
         if ended.done == 0 and before:
             # wait for more segments; the unfinished spline stays as it was
             return sections, joint
@@ -468,7 +482,8 @@ class Joiner:
             hand = Pieces._make([array[ended.pieces : ended.every].copy() for array in out.pieces])
             goals = Goals(*(array[: ended.goals].copy() for array in begun.goals))
             floor = work.lines.far[ended.done :].copy()
-            self._begun = _Begun(begun._replace(many=ended.goals, goals=goals, floor=floor), hand)
+            spline = begun._replace(many=ended.goals, goals=goals, floor=floor)
+            self._begun = _Begun(spline, hand, _changes(segments, out, ended.pieces, ended.every))
         return sections, joint
 
 
@@ -478,6 +493,25 @@ def joined(
     """Return the runs of consecutive segments, and the joints after them; parameters as in `Rule`."""
     sections, joint = Joiner(sharpest, lonely).join(Chain(segments, tolerance, True))
     return [section.pieces for section in sections], joint
+
+
+def _changes(segments: Pieces, out: Joined, first: int, last: int) -> Changes:
+    """Return where the line of the segments changes along pieces from `first` up to but excluding `last`."""
+    until = np.cumsum(segments.length)
+    begins = until - segments.length
+    segment, covers, length = out.segment[first:last], out.covers[first:last], out.pieces.length[first:last]
+    starts = begins[segment] + out.begin[first:last]
+    # an end that is that of a segment up to rounding is no change
+    ends = np.searchsorted(begins, starts + covers * (1.0 - _SLIVER))
+    more = np.maximum(ends - segment - 1, 0)
+    piece = np.repeat(np.arange(len(segment)), more)
+    inside = np.arange(len(piece)) - np.repeat(np.cumsum(more) - more, more) + segment[piece] + 1
+    share = (begins[inside] - starts[piece]) / covers[piece]
+    along = np.cumsum(length) - length
+    at = np.concatenate([along, along[piece] + np.clip(share, 0.0, 1.0) * length[piece]])
+    line = np.concatenate([segments.line[segment], segments.line[inside]])
+    order = np.argsort(at, kind="stable")
+    return Changes(at[order], line[order])
 
 
 def _unfinished(before: _Begun | None, segments: Pieces, many: int) -> Unfinished:
@@ -507,6 +541,8 @@ def _pieces_room(most: int, axes: int) -> Joined:
             np.zeros(most, np.int64),
         ),
         np.zeros(most, np.int64),
+        np.zeros(most, np.int64),
+        *np.zeros((2, most)),
     )
 
 

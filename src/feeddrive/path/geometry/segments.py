@@ -47,6 +47,7 @@ from feeddrive.path.motion import (
     turned,
 )
 from feeddrive.path.program.blocks import AXES, BlockError, Line, located
+from feeddrive.path.program.budget import Spending
 from feeddrive.path.program.moves import (
     Arc,
     Dwell,
@@ -459,15 +460,22 @@ class _Feeds:
         return feed * length / _length(move, counted) if others or counted == _COUNTED[-1] else feed
 
 
-def chains(moves: Iterable[Move], axes: str, angle_tolerance: ArrayLike = ANGLE_TOLERANCE) -> Iterator[Chain | Pause]:
+def chains(
+    moves: Iterable[Move],
+    axes: str,
+    angle_tolerance: ArrayLike = ANGLE_TOLERANCE,
+    spending: Spending | None = None,
+) -> Iterator[Chain | Pause]:
     """Yield the chains of a program and the pauses between them.
 
     A program that turns axes stops where its tolerance changes, since angles are then weighted anew.
 
     axes             letters of the machine's axes, such as XYZ
     angle_tolerance  tolerance of each axis, rad, one number or shape (N,); that of linear axes has no effect
+    spending         counts motion and processor time, and refuses too much; None: nothing does
 
-    Raises ProgramError for unsupported moves: axes that the machine does not have, spindle-synchronized moves (G33).
+    Raises ProgramError for unsupported moves: axes that the machine does not have, spindle-synchronized moves (G33),
+    and what `spending` refuses.
     """
     columns = [_LETTERS.index(letter) for letter in axes]
     turning = [_LETTERS.index(letter) for letter in axes if letter in ROTARY]
@@ -505,6 +513,8 @@ def chains(moves: Iterable[Move], axes: str, angle_tolerance: ArrayLike = ANGLE_
             if isinstance(move, Spline):
                 chords = max(chords, _CHORDS * tolerance)
             for segment in _segments(move, columns, weights.values, feeds, mode, tolerance):
+                if spending:
+                    spending.move(move.source, segment.length / segment.speed, "F")
                 collected.rows.append(segment)
                 if len(collected.rows) > AT_ONCE:
                     yield collect(False)
@@ -532,6 +542,8 @@ def chains(moves: Iterable[Move], axes: str, angle_tolerance: ArrayLike = ANGLE_
                 feeds.turns = abs(move.direction) * move.spindle_speed / 60.0
             if collected.rows:
                 yield collect(True)
+            if spending and isinstance(move, Dwell):
+                spending.move(move.source, move.duration, "P")
             if not isinstance(move, End):
                 duration = move.duration if isinstance(move, Dwell) else 0.0
                 yield Pause(duration, type(move).__name__, move.source.number)

@@ -12,10 +12,12 @@ import numpy as np
 
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
+from feeddrive.language.text import Text
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.orientation import MOST_WOUND, leaves_arc
 from feeddrive.path.program import moves
 from feeddrive.path.program.blocks import AXES, BlockError, Line, located
+from feeddrive.path.program.budget import MOST_COMMANDS
 from feeddrive.path.program.motion import PLANES
 from feeddrive.path.program.moves import Arc, Command, Move, Point, sweep
 from feeddrive.path.program.state import LINEAR, rotated
@@ -82,15 +84,23 @@ class Frame:
 
     axes        the axes of the machine with their travel; None for all nine without travel limits
     kinematics  kinematics of the machine, with which moves may be those of the tip of the tool
+    start       position of the machine before the first move, m and rad
+
+    Raises ParameterError for a start that the machine cannot have.
     """
 
-    def __init__(self, axes: Travel | None = None, kinematics: Kinematics | None = None) -> None:
+    def __init__(
+        self,
+        axes: Travel | None = None,
+        kinematics: Kinematics | None = None,
+        start: Mapping[str, float] | None = None,
+    ) -> None:
         self._kinematics = kinematics
         self._tool_point: Kinematics | None = None
         self._rotary: list[int] = []  # of the kinematics in use
         self._travel = None if axes is None else _travel_by_axis(axes)
         self._present = None if axes is None else [letter in {name.lower() for name in axes} for letter in AXES]
-        self._here: Point = _ZERO
+        self._here: Point = _ZERO if start is None else self.place(start)
         # divisors, not factors: 1/1000 is not exact in binary, and a product with it would be rounded twice
         self._divisors = [1000.0] * 9
         self._rotation = 0.0
@@ -132,6 +142,7 @@ class Frame:
             "MESSAGE": lambda c: moves.Message(c.line, str(c.values[0])),
             "IGNORED": lambda c: moves.Ignored(c.line, str(c.values[0])),
             "PRINT": lambda c: moves.Message(c.line, str(c.values[0])),
+            "RESUME": lambda c: moves.Begin(c.line, self._here, str(c.values[0])),
             "PROGRAM_STOP": lambda c: moves.Stop(c.line, False),
             "OPTIONAL_PROGRAM_STOP": lambda c: moves.Stop(c.line, True),
             "STRAIGHT_PROBE": self._probe,
@@ -142,6 +153,32 @@ class Frame:
             "FINISH": lambda c: moves.End(c.line),
         }
         self._mode: moves.PathMode | None = None
+
+    def place(self, start: Mapping[str, float]) -> Point:
+        """Return the point of a start position, m and rad, by axis letters; axes that are not named are at zero.
+
+        Raises ParameterError for an axis that the machine does not have, and a position beyond its travel.
+        """
+        point = [0.0] * 9
+        for letter, value in start.items():
+            axis = AXES.find(letter.lower()) if len(letter) == 1 else -1
+            if axis < 0 or (self._present is not None and not self._present[axis]):
+                there = [name.upper() for k, name in enumerate(AXES) if self._present is None or self._present[k]]
+                raise ParameterError(f"start: the machine has no axis {letter}; it has {', '.join(there)}")
+            travel = None if self._travel is None else self._travel[axis]
+            low, high = travel or (-FARTHEST, FARTHEST)
+            if not low <= value <= high:
+                unit = "rad" if 3 <= axis <= 5 else "m"
+                form = "deg" if 3 <= axis <= 5 else "mm"
+                raise ParameterError(
+                    Text(
+                        f"start: axis {letter.upper()} at {Quantity(value, unit):{form}} is beyond its travel of "
+                        f"{Quantity(low, unit):{form}} to {Quantity(high, unit):{form}}: give the position at which "
+                        "it stands"
+                    )
+                )
+            point[axis] = float(value)
+        return tuple(point)
 
     def moves(self, commands: Iterable[Command]) -> Iterator[Move]:
         """Yield the moves of the commands."""
@@ -311,6 +348,11 @@ class Frame:
         c, s = math.cos(angle), math.sin(angle)
         drift = [e - m - c * a - s * b for e, m, a, b in zip(end, center, u, v, strict=True)]
         count = max(1, math.ceil(abs(angle) * (math.hypot(x, y) / (384.0 * TILTED)) ** 0.25))
+        if count > MOST_COMMANDS:
+            reason = (
+                f"this arc in a rotated plane makes {count} curves, and a block at most {MOST_COMMANDS}: fewer turns"
+            )
+            raise located(line, BlockError(reason, "P"))
 
         def state(k: int) -> tuple[list[float], list[float]]:
             c, s = math.cos(angle * k / count), math.sin(angle * k / count)

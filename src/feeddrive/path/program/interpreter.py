@@ -19,6 +19,7 @@ from feeddrive.language.quantity import Quantity, number
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import Block, BlockError, Line, LineReader, Parameters, Place, Step, Values
+from feeddrive.path.program.budget import MOST_AGAIN, MOST_AGAIN_AT_REST, MOST_COMMANDS
 from feeddrive.path.program.compensation import Compensation
 from feeddrive.path.program.dialects import DIALECTS, DialectName, Rewritten
 from feeddrive.path.program.motion import CURVE, MOVING, PLANES, Motion, emit_path_mode
@@ -45,10 +46,6 @@ from feeddrive.path.program.state import (
 
 DEEPEST_CALL = 50
 """The deepest nesting of subroutine calls."""
-MOST_AGAIN = 10_000_000
-"""The largest number of lines that loops and calls may repeat in a whole program."""
-MOST_AGAIN_AT_REST = 1_000_000
-"""The largest number of lines that loops and calls may repeat between two lines with a motion or an offset."""
 
 _STATEMENT = re.compile(
     r"(endsub|sub|call|return|if|elseif|else|endif|while|endwhile|do|repeat|endrepeat|break|continue)"
@@ -221,6 +218,17 @@ class Flow:
         """Close all files."""
         for reader in self._readers.values():
             reader.close()
+
+    @property
+    def calls(self) -> int:
+        """The number of subroutines that are running."""
+        return len(self._frames) - 1
+
+    @property
+    def loop(self) -> str:
+        """The innermost loop that is running in the program itself, with its line; empty if none is."""
+        loops = [opened for opened in self._frames[0].opened if opened.kind != "if"]
+        return f"o{loops[-1].label} {loops[-1].kind} of line {loops[-1].head.number + 1}" if loops else ""
 
     def moved(self) -> None:
         """Record a motion or an offset: restart the count of repeated lines that `MOST_AGAIN_AT_REST` limits."""
@@ -878,7 +886,10 @@ class Interpreter:
         *,
         parameters: Mapping[str, float] | None = None,
         kinematics: Kinematics | None = None,
+        start: Sequence[float] = (0.0,) * 9,
+        from_line: int = 0,
     ) -> None:
+        self._start, self._from_line = start, from_line
         self._dialect, self._rewrite = dialect, DIALECTS[dialect]
         self._parameters = Parameters(numbered)
         self._state = State(self._parameters, tables_inch, kinematics)
@@ -886,6 +897,7 @@ class Interpreter:
         self._skip_deleted = skip_deleted
         self._out: list[Command] = []
         self._line = Line(str(program), 0, "")
+        self._main = self._line.file
         self._flow = Flow(program, self._parameters, most_again)
         self._switches = Switches(self._state, self._emit, self._tools, lambda: self._line, self._write)
         self._motion = Motion(self._state, self._emit, self._flow.moved)
@@ -908,6 +920,8 @@ class Interpreter:
                     self._finish()
                     break
                 self._line = line
+                if self._from_line and line.number >= self._from_line:
+                    self._resume(line)
                 if self._rewrite:
                     line = self._translated(line, self._rewrite)
                 # one % begins a program, a second one ends it
@@ -928,9 +942,50 @@ class Interpreter:
                 if self._switches.ended:
                     break
                 begun = True
+            if self._from_line:
+                reason = f"the program ends here, before line {self._from_line} (--from-line): name a line that it runs"
+                raise blocks.located(self._line, BlockError(reason))
             yield from self._taken()
         finally:
             self._flow.close()
+
+    def _resume(self, line: Line) -> None:
+        """Emit RESUME with the modal state in front of the line from which the program is resumed.
+
+        Raises ProgramError if the state there depends on more than the line.
+        """
+        wanted, state = self._from_line, self._state
+        if line.file != self._main or (line.number != wanted and self._flow.calls):
+            return
+        if line.number > wanted:
+            reason = (
+                f"line {wanted} (--from-line) is not run on the way to this line: it lies in a subroutine, or in a "
+                "branch or loop that is left out; name a line of the program itself that is run, such as the call"
+            )
+        elif self._flow.calls:
+            reason = f"line {wanted} (--from-line) lies in a subroutine: name the line of its call"
+        elif self._flow.loop:
+            reason = (
+                f"line {wanted} (--from-line) lies in the loop {self._flow.loop}, and which pass is meant is not "
+                "known: name the line of the loop, or one behind its end"
+            )
+        elif state.compensation or state.leaving:
+            reason = (
+                f"at line {wanted} (--from-line) radius compensation is on, or its last move not yet done, so the "
+                "position depends on the moves around it: name a line before G41 or G42, or behind the move after G40"
+            )
+        elif state.tool_point:
+            reason = (
+                f"at line {wanted} (--from-line) the tip of the tool is moved (G43.4, G43.5): name a line before that "
+                "word, or behind G49"
+            )
+        elif state.nurbs:
+            reason = f"line {wanted} (--from-line) lies between the control points of a curve: name its first line"
+        else:
+            self._from_line = 0
+            self._emit("RESUME", state.words())
+            return
+        raise blocks.located(line, BlockError(reason))
 
     def _translated(self, line: Line, rewrite: Callable[[str], Rewritten]) -> Line:
         """Return a line of a dialect as RS-274/NGC, and execute what RS-274 has no words for."""
@@ -970,6 +1025,10 @@ class Interpreter:
         if self._state.compensation:
             self._state.compensation.take(command)
         else:
+            if len(self._out) >= MOST_COMMANDS:
+                raise BlockError(
+                    f"this block makes more than {MOST_COMMANDS} moves and events: make fewer pecks, repeats or points"
+                )
             self._out.append(command)
 
     def _write(self, command: Command) -> None:
@@ -983,8 +1042,8 @@ class Interpreter:
         state.origin = state.stored(first_of(state.system))
         state.rotation = numbered.get(first_of(state.system) + 9, 0.0)
         state.axis_offset = state.stored(G92) if numbered.get(G92_ON) else [0.0] * 9
-        # the position of the machine is not known here: all axes are assumed to be at its zero
-        state.position = state.program([0.0] * 9)
+        # the interpreter does not know where the machine stands: the caller does, or assumes its zero
+        state.position = state.program(self._start)
         self._emit("USE_LENGTH_UNITS", "CANON_UNITS_MM")
         self._emit("SET_G5X_OFFSET", state.system, *state.origin)
         self._emit("SET_G92_OFFSET", *state.axis_offset)

@@ -67,6 +67,7 @@ _TEXT: dict[str, Callable[[tuple[Value, ...]], str]] = {
     "MESSAGE": _quoted,
     "IGNORED": _quoted,
     "LOG": _quoted,
+    "RESUME": _quoted,
     "SET_MOTION_CONTROL_MODE": _mode,
     "USE_TOOL_LENGTH_OFFSET": _offsets,
     "SET_SPINDLE_MODE": lambda values: f"{values[0]} {values[1]:.4f}",
@@ -404,6 +405,17 @@ class ExactStop(Stop):
     """A stop at the end of one block (G9), or until the control has read on (STOPRE)."""
 
 
+class Begin:
+    """The place where the machine stands before the first move, if not at its zero.
+
+    state  the modal state as words of the program, if it is resumed in its midst
+    """
+
+    source: Line
+    position: Point
+    state: str = ""
+
+
 @dataclass(frozen=True, slots=True)
 class End:
     """The end of the program."""
@@ -427,6 +439,7 @@ Move = (
     | Message
     | Ignored
     | Stop
+    | Begin
     | End
 )
 """A move, or an event between moves, as yielded by `read_program`."""

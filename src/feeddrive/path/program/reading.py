@@ -13,6 +13,7 @@ import time
 from array import array
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
+from math import degrees
 from pathlib import Path
 from typing import Literal
 
@@ -22,10 +23,12 @@ from feeddrive.language.text import Text
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import BlockError, Line, LineReader, Place
+from feeddrive.path.program.budget import MOST_AGAIN, check_lines
 from feeddrive.path.program.dialects import DialectName
 from feeddrive.path.program.frame import Frame, Travel
-from feeddrive.path.program.interpreter import MOST_AGAIN, Interpreter
-from feeddrive.path.program.moves import Command, Move, read_command
+from feeddrive.path.program.interpreter import Interpreter
+from feeddrive.path.program.moves import Begin, Command, Move, Point, read_command
+from feeddrive.path.program.resume import resumed
 from feeddrive.path.program.siemens import SiemensInterpreter
 from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINEAR, SYSTEM, SYSTEMS, Tool, read_tools
 
@@ -308,6 +311,8 @@ def read_program(
     parameters: Mapping[str, float] | None = None,
     dialect: DialectName = "linuxcnc",
     kinematics: Kinematics | None = None,
+    start: Mapping[str, float] | None = None,
+    from_line: int = 0,
 ) -> Generator[Move]:
     """Yield the moves of a part program (RS-274/NGC) in constant memory: m, rad, s, machine coordinates.
 
@@ -323,9 +328,16 @@ def read_program(
     parameters    values of named parameters that the program does not set, such as {"_hal[plasmac.cut-feed-rate]": 40}
     dialect       linuxcnc: RS-274/NGC; grbl; marlin: a 3D printer, whose E is the axis U; siemens: SINUMERIK
     kinematics    kinematics of the machine, with which G43.4 and G43.5 move the tip of the tool
+    start         where the machine stands, in machine coordinates, m and rad: {"X": 0.1}; other axes at its zero
+    from_line     line at which the program is resumed, with the modal state of the lines before it; 0: its beginning.
+                  The machine stands where this line begins, or at `start`, and goes there by a traverse
+
+    The first move is a `Begin` if either of the last two is given; the built-in interpreter then reads the program.
 
     An invalid program ends the iteration with a `ProgramError` stating file, line, column, word and reason.
     """
+    frame = Frame(axes, kinematics, start if not from_line else None)
+    place = None if start is None else frame.place(start)
     commands = read_commands(
         program,
         tools=tools,
@@ -337,13 +349,19 @@ def read_program(
         parameters=parameters,
         dialect=dialect,
         kinematics=kinematics,
+        start=None if from_line else place,
+        from_line=from_line,
     )
-    return _moves(Frame(axes, kinematics), commands)
+    if from_line:
+        return resumed(_moves(frame, commands), place)
+    return _moves(frame, commands, None if place is None else Begin(Line(str(program), 1, ""), place))
 
 
-def _moves(frame: Frame, commands: Generator[Command]) -> Generator[Move]:
+def _moves(frame: Frame, commands: Generator[Command], begin: Begin | None = None) -> Generator[Move]:
     """Yield the moves; always close the files of the commands at the end."""
     with closing(commands):
+        if begin is not None:
+            yield begin
         yield from frame.moves(commands)
 
 
@@ -359,9 +377,18 @@ def read_commands(
     parameters: Mapping[str, float] | None = None,
     dialect: DialectName = "linuxcnc",
     kinematics: Kinematics | None = None,
+    start: Point | None = None,
+    from_line: int = 0,
 ) -> Generator[Command]:
     """Yield the canonical commands of a part program, in its own units and coordinates; see `read_program`."""
     path = Path(program)
+    check_lines(path)
+    if start is not None or from_line:
+        if front_end == "rs274":
+            raise ParameterError(
+                f"{PROGRAM} starts at the zero of the machine and line 1: take the front end auto or own"
+            )
+        front_end = "own"
     if dialect != "linuxcnc":
         if front_end == "rs274":
             raise ParameterError(
@@ -379,10 +406,16 @@ def read_commands(
     if front_end == "rs274":
         return rs274_commands(path, table, numbered, tables_inch, skip_deleted)
     if dialect == "siemens":
+        if start is not None or from_line:
+            raise ParameterError(
+                "the reader of SINUMERIK programs starts at the zero of the machine and line 1: leave out the line and "
+                "the start position"
+            )
         interpreter = SiemensInterpreter(
             path, table, numbered, tables_inch, skip_deleted, most_again, parameters=parameters
         )
         return interpreter.commands()
+    stands = [0.0] * 9 if start is None else [1e3 * x if k in LINEAR else degrees(x) for k, x in enumerate(start)]
     return Interpreter(
         path,
         table,
@@ -393,4 +426,6 @@ def read_commands(
         dialect,
         parameters=parameters,
         kinematics=kinematics,
+        start=stands,
+        from_line=from_line,
     ).commands()

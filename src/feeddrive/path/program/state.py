@@ -252,6 +252,32 @@ class State:
             axis, level = self.level
             self.level = axis, level + self.position[axis] - before[axis]
 
+    def words(self) -> str:
+        """Return the modal state as the words that set it, such as G21 G17 G90 G94 G64 P0.01 G40 G54 T3 S8000 M3.
+
+        Not F: its number belongs to the unit that held when it was written.
+        """
+        mode = {"CANON_EXACT_PATH": "G61", "CANON_EXACT_STOP": "G61.1"}.get(self.path_mode, "G64")
+        if mode == "G64" and self.tolerance:
+            mode += f" P{self.tolerance:.6g}"
+        system = next(code for code, system in BY_CODE.items() if system == self.system)
+        words = [
+            "G20" if self.inch else "G21",
+            name_of("g", self.plane),
+            "G91" if self.incremental else "G90",
+            name_of("g", self.feed_mode),
+            mode,
+            "G40",
+            name_of("g", system),
+            f"T{self.tool}",
+            f"S{self.speed:.6g} {'M3' if self.spindle > 0 else 'M4'}" if self.spindle else "M5",
+        ]
+        words += [word for word, on in (("M7", self.mist), ("M8", self.flood)) if on]
+        for name, values in (("G92", self.axis_offset), ("G43", self.tool_offset)):
+            moved = [f"{_AXES[axis]}{value:.8g}" for axis, value in enumerate(values) if value]
+            words += [" ".join([name, *moved])] if moved else []
+        return " ".join(words)
+
     # parameters that the program can read
 
     def publish(self) -> None:

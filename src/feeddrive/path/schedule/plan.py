@@ -463,6 +463,29 @@ def _beginning(
 
 
 @kernel
+def _slowest(path: Path, now: Stretch, free: Stretch) -> int:
+    """Return the slowest piece that a free hump crosses too fast and that is not slower than both nodes, or -1."""
+    return too_fast(path, free, max(now.v0, now.v1) * (1.0 - 1e-9)) if free.peak > 0.0 else -1
+
+
+@kernel
+def _slow_piece(path: Path, now: Stretch, free: Stretch, p: int) -> tuple[bool, Stretch, Stretch]:
+    """Pass piece p, or one of the next faster ones that a free hump crosses too fast, at its cap by `_split`.
+
+    The first result is False if there is no such plateau.
+    """
+    split = False
+    left = now
+    right = now
+    for _ in range(_TRIES):
+        if p < 0 or split:
+            break
+        split, left, right = _split(path, now, p, path.caps[p].plateau)
+        p = too_fast(path, free, path.caps[p].plateau)
+    return split, left, right
+
+
+@kernel
 def _whole(path: Path, left: Stretch, right: Stretch) -> tuple[float, Stretch, Stretch]:
     """Return the time of both humps and of the plateau between them, s, and both stretches with their humps."""
     time = (right.begin - left.end) / left.v1
@@ -514,14 +537,16 @@ def plan(
             if p < 0:
                 now = free
             elif height + 3 <= len(stack) and count + height + 3 <= len(out):
-                # first the slowest piece that is not slower than both nodes, then the next ones, then lower speeds
-                p = too_fast(path, free, max(now.v0, now.v1) * (1.0 - 1e-9))
-                slowest = p
-                for _ in range(_TRIES):
-                    if p < 0 or split:
-                        break
-                    split, left, right = _split(path, now, p, path.caps[p].plateau)
-                    p = too_fast(path, free, path.caps[p].plateau)
+                slowest = _slowest(path, now, free)
+                split, left, right = _slow_piece(path, now, free, slowest)
+                if not split and now.peak > 0.0:
+                    # the ramps of this free hump may be as slow as those of the feasible one from which it was found,
+                    # and so miss the slowest piece, which a plateau anywhere else would then cross too fast
+                    free = hump(path, now._replace(peak=0.0), True)
+                    p = _slowest(path, now, free)
+                    if p >= 0 and p != slowest:
+                        slowest = p
+                        split, left, right = _slow_piece(path, now, free, p)
                 if not split:
                     now = hump(path, now, False)
                     c = 1.0
