@@ -7,8 +7,8 @@ make_lazy(
     {
         "program.blocks": "read_offsets Line",
         "program.moves": (
-            "Command canonical_text Arc Begin Dwell End ExactStop Feed Ignored Message Move Offsets PathMode Point Probe "
-            "Spindle Spline Stop Straight Switch Synchronized ToolChange Wait"
+            "Command canonical_text Arc Begin Dwell End ExactStop Feed Ignored Message Move Offsets PathMode Point "
+            "Probe Spindle Spline Stop Straight Switch Synchronized ToolChange Wait"
         ),
         "program.reading": "read_commands read_program",
         "program.state": "Tool read_tools",
