@@ -302,14 +302,20 @@ class _Crossing(NamedTuple):
 
 
 def _gain_crossings(loop: SlopedLoop) -> Iterator[_Crossing]:
+    crossings = gain_crossings(loop.logarithms)
+    if not crossings:
+        return
     x, level, _, turn = loop.logarithms
-    for k, part, margin in gain_crossings(loop.logarithms):
-        pushed = loop.gain_slope[k : k + 2] / loop.gain[k : k + 2, None]  # of ln L
-        width = x[k + 1] - x[k]
-        moved = (1.0 - part) * pushed[0] + part * pushed[1]
-        along = -moved.real / ((level[k + 1] - level[k]) / width)  # derivatives of ln f of the crossover
-        turned = moved.imag + (turn[k] / width) * along
-        yield _Crossing(k, margin, turned, along)
+    # all crossovers at once: a loop with a resonance has several, and each search looks at thousands of loops
+    k = np.array([line for line, _, _ in crossings])
+    part = np.array([part for _, part, _ in crossings])[:, None]
+    width = (x[k + 1] - x[k])[:, None]
+    before, after = (loop.gain_slope[line] / loop.gain[line, None] for line in (k, k + 1))  # of ln L
+    moved = (1.0 - part) * before + part * after
+    along = -moved.real / ((level[k + 1] - level[k])[:, None] / width)  # derivatives of ln f of the crossover
+    turned = moved.imag + (turn[k, None] / width) * along
+    for (line, _, margin), phase, frequency in zip(crossings, turned, along, strict=True):
+        yield _Crossing(line, margin, phase, frequency)
 
 
 def phase_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -185,15 +186,24 @@ def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
 
     For a loop without derivatives, a limit that applies to every line yields only its most critical line.
     """
-    bounds: list[tuple[tuple[int, int], Bound]] = []
-    for figure, bound in ((limit.figure, limit.bound) for limit in limits.limits):
-        assert figure.limit is not None
-        for place in figure.limit.places(loop, bound, limits.reading_noise):
-            frequency, slack, slope, deviation, line = place
-            key = (figure.key, i, line)
-            order = (figure.limit.order, line)
-            bounds.append((order, Bound(figure, i, frequency, slack, slope, deviation, key)))
-    return [bound for _, bound in sorted(bounds, key=lambda pair: pair[0])]
+    bounds: list[Bound] = []
+    for _, alike in groupby(sorted(limits.limits, key=_order), key=_order):
+        # there are hundreds of them, and `_make` takes half of the time of the constructor
+        some = [
+            Bound._make((limit.figure, i, frequency, slack, slope, deviation, (limit.figure.key, i, line)))
+            for limit in alike
+            for frequency, slack, slope, deviation, line in limit.declared.places(loop, limit.bound, limits.reading_noise)
+        ]
+        bounds += sorted(some, key=_line)
+    return bounds
+
+
+def _order(limit: Limit) -> int:
+    return limit.declared.order
+
+
+def _line(bound: Bound) -> int:
+    return bound.key[2]
 
 
 def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:
@@ -261,8 +271,11 @@ class Evaluation:
 class Screened(Protocol):
     """Plants of a box whose limits are computed together, without derivatives."""
 
-    def bounds(self, control: ControlResponse, matrix: np.ndarray, limits: Limits) -> list[Bound]:
-        """Return for each limit the bound of the plant that uses it most; `matrix`: [A B; c d] of the control."""
+    def bounds(self, control: ControlResponse, matrix: np.ndarray, limits: Limits) -> Iterable[Bound]:
+        """Yield for each limit the bound of the plant that uses it most; `matrix`: [A B; c d] of the control.
+
+        Each is computed when it is asked for: the first one may show that the control is not worth the others.
+        """
         ...
 
     def unstable(self, matrix: np.ndarray) -> bool:
@@ -431,16 +444,15 @@ class Criteria:
                     return None
                 found = replace(found, bounds=(*found.bounds, *bounds_of(0, loop, self.limits)))
         assert found is not None
-        if matrix is None:
+        if matrix is None or not (self.screened and promising(found)):
             return found
         for plants in self.screened:
-            if not promising(found):
-                return found
-            found = replace(found, bounds=(*found.bounds, *plants.bounds(self.control, matrix, self.limits)))
+            for bound in plants.bounds(self.control, matrix, self.limits):
+                found = replace(found, bounds=(*found.bounds, bound))
+                if not promising(found):
+                    return found
         # poles last: they cost more than the lines, and most sets are no longer promising
-        if promising(found) and any(plants.unstable(matrix) for plants in self.screened):
-            return None
-        return found
+        return None if any(plants.unstable(matrix) for plants in self.screened) else found
 
     def __call__(self, x: np.ndarray) -> Evaluation:
         """Return the evaluation for logarithms x of the tunables; results are cached."""
