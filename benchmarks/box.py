@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import expm, matrix_balance, schur
 
 import feeddrive as fd
 from feeddrive.blocks.signals import Setpoint
@@ -181,13 +181,26 @@ def linear_law(control: Control, T: float, velocity: float) -> tuple[np.ndarray,
 
 
 def law_response(law: Sequence[np.ndarray], f: np.ndarray, T: float) -> np.ndarray:
-    """Return the response of a law to both readings, (draws, 2, lines)."""
+    """Return the response of a law to both readings, (draws, 2, lines): d + c (z - A)⁻¹ B by the Schur form of A.
+
+    A million lines at once; some of them are compared with solved systems.
+    """
     A, B, c, d = law
     z = np.exp(2j * np.pi * f.ravel() * T)
-    x = np.linalg.solve(
-        z[:, None, None] * np.eye(A.shape[0]) - A, np.broadcast_to(B, (z.size, *B.shape)).astype(complex)
-    )
-    return (np.einsum("n,lnr->rl", c, x) + d[:, None]).reshape(2, *f.shape).transpose(1, 0, 2)
+    # balanced: next to forces in N the positions in m would lose their digits
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    form, vectors = schur(balanced.astype(complex), output="complex")
+    right, left, out = vectors.conj().T @ (B / scale[:, None]), (c * scale) @ vectors, np.empty((2, z.size), complex)
+    for i in range(2):
+        x = np.repeat(right[:, i, None], z.size, axis=1)
+        for k in range(len(x) - 1, -1, -1):
+            x[k] /= z - form[k, k]
+            x[:k] += form[:k, k, None] * x[k]
+        out[i] = left @ x + d[i]
+    for k in range(0, z.size, max(1, z.size // 50)):
+        solved = c @ np.linalg.solve(z[k] * np.eye(len(A)) - A, B.astype(complex)) + d
+        assert np.all(np.abs(out[:, k] - solved) < 1e-6 * np.max(np.abs(solved)))
+    return out.reshape(2, *f.shape).transpose(1, 0, 2)
 
 
 def constants(law: Sequence[np.ndarray]) -> np.ndarray:
@@ -212,19 +225,18 @@ def closed_eigenvalues(plants: Held, law: Sequence[np.ndarray]) -> np.ndarray:
     live = ~constants(law)
     inner, entered, c = A[np.ix_(live, live)], B[live], c[live]
     n, q, deep = plants.A.shape[1], inner.shape[0], int(np.max(plants.late)) + 2
-    largest = np.empty(plants.A.shape[0])
-    for i in range(largest.size):
-        m = int(plants.late[i])
-        W = np.zeros((n + q + deep, n + q + deep))
-        force = np.concatenate([d @ plants.C, c, np.zeros(deep)])  # of this sample; before: the cells of the memory
-        cells = [force, *np.eye(n + q + deep)[n + q :]]
-        W[:n, :n] = plants.A[i]
-        W[:n] += np.outer(plants.B0[i], cells[m]) + np.outer(plants.B1[i], cells[m + 1])
-        W[n : n + q, :n], W[n : n + q, n : n + q] = entered @ plants.C, inner
-        W[n + q] = force
-        W[n + q + 1 :, n + q : -1] = np.eye(deep - 1)
-        largest[i] = np.max(np.abs(np.linalg.eigvals(W)))
-    return largest
+    count, size = plants.A.shape[0], n + q + deep
+    force = np.concatenate([d @ plants.C, c, np.zeros(deep)])  # of this sample; before: the cells of the memory
+    W = np.zeros((count, size, size))
+    W[:, :n, :n] = plants.A
+    for m in np.unique(plants.late):
+        # a command that acts in the sample in which it is computed is the force itself
+        late, (here, before) = plants.late == m, (force if k == 0 else np.eye(size)[n + q + k - 1] for k in (m, m + 1))
+        W[late, :n] += plants.B0[late][:, :, None] * here + plants.B1[late][:, :, None] * before
+    W[:, n : n + q, :n], W[:, n : n + q, n : n + q] = entered @ plants.C, inner
+    W[:, n + q] = force
+    W[:, n + q + 1 :, n + q : -1] = np.eye(deep - 1)
+    return np.max(np.abs(np.linalg.eigvals(W)), axis=1)
 
 
 @dataclass(frozen=True)

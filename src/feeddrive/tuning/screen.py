@@ -132,7 +132,7 @@ class Screen:
     ) -> Iterator[tuple[Limit, tuple[np.ndarray, np.ndarray]]]:
         """Yield each limit with its utilization at plants where the loop is stable, and the frequency in Hz.
 
-            |S|/Ms,    ω T n/angle that a delay may use up at a crossover,    force noise/its bound
+        |S|/Ms,    ω T n/angle that a delay may use up at a crossover,    force noise/its bound
         """
         count = len(plants.corners)
         lines = np.concatenate([plants.shared, plants.own.ravel()])
