@@ -74,8 +74,8 @@ _SLOW = 30.0
 class Answer:
     """The closed-loop responses at the frequency lines of an operating point.
 
-    Derivatives have shape (lines, tunables), variances (lines,).  The compliance is computed when it is first needed: at a
-    plant of a box only limits apply, and most of them are limits of the loop gain.
+    Derivatives have shape (lines, tunables), variances (lines,).  The compliance is computed when it is first needed:
+    at a plant of a box only limits apply, and most of them are limits of the loop gain.
 
     below   the compliance below the first line, where the axis is a free mass; None if not needed
     """

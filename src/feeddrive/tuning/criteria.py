@@ -232,14 +232,10 @@ def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> Bounds:
 
     For a loop without derivatives, a limit that applies to every line yields only its most critical line.
     """
+    noise = limits.reading_noise
     return Bounds(
         [
-            (
-                limit.figure,
-                limit.figure.key,
-                i,
-                Places.of(limit.declared.places(loop, limit.bound, limits.reading_noise)),
-            )
+            (limit.figure, limit.figure.key, i, Places.of(limit.declared.places(loop, limit.bound, noise)))
             for limit in sorted(limits.limits, key=_order)
         ]
     )
