@@ -1,18 +1,23 @@
 """Check laws that a comparison ranks over a box, by other means than those of the tuner.
 
-    python benchmarks/box.py ball_screw --law cascade_ppi --law lqg      # 10,000 draws; about a minute for the draws
+    python benchmarks/box.py ball_screw --law cascade_ppi --law lqg      # 10,000 draws, 2 s of processor time a law
+    OPENBLAS_NUM_THREADS=1 python benchmarks/box.py ball_screw --law cascade_ppi --law pole_placement --cost 3
 
 Every plant is drawn from the box, half of them evenly, half with each parameter at an end with probability 1/2.  Its
 mechanics are written here anew, as masses between springs, with the exact hold of current loop and dead time by
 `scipy.linalg.expm`; the law is linearized by central differences of its own step on floats.  Neither the traced law
 nor the linear models of feeddrive are used.  Ms is the peak of |1/(1 + L)|, first on lines that are dense at the
 resonances, then refined at the peak of every draw; stability is that of the eigenvalues of the whole closed loop.
+
+`--cost N` measures the comparison instead, without and with the box in turn, N times, each in a process of its own.
 """
 
 import argparse
 import time
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -286,6 +291,28 @@ class Draws:
         return Drawn(float(np.max(best)), int(np.argmax(best)), float(np.max(closed_eigenvalues(self.plants, law))))
 
 
+def seconds(machine: str, axis: str, laws: Sequence[str], box: Box | None) -> float:
+    """Return the processor time of a comparison, s, after one of another machine has loaded and compiled all it can."""
+    fd.comparison.compare_laws(fd.read_machine("linear_motor"), "x", laws=["P-PI"], starts=1)
+    read, begun = fd.read_machine(machine), time.process_time()
+    fd.comparison.compare_laws(read, axis, laws=laws, box=box)
+    return time.process_time() - begun
+
+
+def cost(machine: str, axis: str, laws: Sequence[str], box: Box, turns: int) -> None:
+    """Print what a comparison costs without and with a box, each in a process of its own."""
+    found = list[tuple[float, float]]()
+    for _ in range(turns):
+        pair = list[float]()
+        for some in (None, box):
+            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
+                pair.append(process.submit(seconds, machine, axis, laws, some).result())
+        found.append((pair[0], pair[1]))
+        print(f"no box {pair[0]:.2f} s, {box} {pair[1]:.2f} s, {pair[1] / pair[0]:.2f} times", flush=True)
+    plain, over = (min(part) for part in zip(*found, strict=True))
+    print(f"least of {turns}: {plain:.2f} s, {over:.2f} s, {over / plain:.2f} times")
+
+
 def main() -> None:
     """Compare laws over a box, and check each that is ranked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -296,10 +323,14 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kept", type=Path, help="finished laws, as docs/draw_robust.py keeps them in KEPT/box")
+    parser.add_argument("--cost", type=int, help="measure the processor time of the comparison, so many times")
     asked = parser.parse_args()
     machine, box = fd.read_machine(asked.machine), Box.parse(asked.box)
     assert box is not None
     axis = asked.axis or next(iter(machine.loops))
+    if asked.cost:
+        cost(asked.machine, axis, asked.law, box, asked.cost)
+        return
     begun = time.process_time()
     engine = None if asked.kept is None else Engine.of(None, store=Folder(asked.kept))
     comparison = fd.comparison.compare_laws(machine, axis, laws=asked.law, box=box, engine=engine)
