@@ -1,6 +1,6 @@
 """Runs the comparisons of docs/box.md: laws at equal robustness at the model, and at equal robustness over a box.
 
-python docs/draw_robust.py [--machine ball_screw] [--kept FOLDER]     writes the pictures into docs/images, and the table
+python docs/draw_robust.py [--machine ball_screw] [--kept FOLDER]     writes pictures into docs/images, and the table
 
 Both comparisons tune the same filters with every law.  KEPT holds finished laws, to go on after a stop.
 """
