@@ -194,7 +194,7 @@ def law_response(law: Sequence[np.ndarray], f: np.ndarray, T: float) -> np.ndarr
     z = np.exp(2j * np.pi * f.ravel() * T)
     # balanced: next to forces in N the positions in m would lose their digits
     balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
-    form, vectors = schur(balanced.astype(complex), output="complex")
+    form, vectors = schur(balanced.astype(complex), output="complex")[:2]
     right, left, out = vectors.conj().T @ (B / scale[:, None]), (c * scale) @ vectors, np.empty((2, z.size), complex)
     for i in range(2):
         x = np.repeat(right[:, i, None], z.size, axis=1)

@@ -77,7 +77,8 @@ def remaining(model: Comparison, over: Comparison) -> Chart:
         number_of, start = bases.index(base(law.name)) - 1, gain(named.get(law.name), model[PLAIN], worst=False)
         marks.append(Mark(*end, number_of, name=law.name, key=law.name))
         if start is not None:
-            ways.append(Curve(*(np.array(pair) for pair in zip(start, end, strict=True)), number=number_of, look=THIN))
+            x, y = (np.array(pair) for pair in zip(start, end, strict=True))
+            ways.append(Curve(x, y, number=number_of, look=THIN))
     x, y = (np.concatenate([[mark.x for mark in marks], *(way.x for way in ways)]),
             np.concatenate([[mark.y for mark in marks], *(way.y for way in ways)]))  # fmt: skip
     panel = Panel(

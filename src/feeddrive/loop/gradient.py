@@ -148,8 +148,9 @@ class Resolvent:
         if A.size:
             # balanced as in `transfer`: rounding of forces in N would swallow positions in m; without the wrappers of
             # scipy, which cost more than the factors of a matrix of ten states
-            balanced, _, _, self.scale, _ = lapack.dgebal(A, scale=1, permute=0)
-            self.form, _, _, self.vectors, _, failed = lapack.zgees(_unsorted, balanced.astype(complex))
+            functions: Any = lapack  # made when scipy is built, so that no types are known
+            balanced, _, _, self.scale, _ = functions.dgebal(A, scale=1, permute=0)
+            self.form, _, _, self.vectors, _, failed = functions.zgees(_unsorted, balanced.astype(complex))
             if failed:
                 raise np.linalg.LinAlgError("the Schur form of the control was not found")
 

@@ -406,10 +406,10 @@ class ControlResponse:
         """
         if self.period > 1:
             return self._over_a_period(values, frequency, images, near, slopes, alike)
-        matrix, slopes = self.model(values)
-        _require_finite(matrix, slopes)
+        matrix, changes = self.model(values)
+        _require_finite(matrix, changes)
         n = len(matrix) - 1
-        return _response(matrix, slopes, Resolvent(matrix[:n, :n], np.exp(2j * np.pi * frequency * self.T)))
+        return _response(matrix, changes, Resolvent(matrix[:n, :n], np.exp(2j * np.pi * frequency * self.T)))
 
     def of_model(self, matrix: np.ndarray, frequency: np.ndarray) -> Response:
         """Return the response of a linear model from `models` on lines in Hz, without derivatives.
