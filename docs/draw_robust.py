@@ -54,19 +54,24 @@ def row(law: Competitor, model: Comparison, box: Comparison, snap: Figure) -> st
 
 
 def gain(law: Competitor | None, plain: Competitor, *, worst: bool) -> tuple[float, float] | None:
-    """How many times a law is better than P-PI in tracking and in stiffness at 10 Hz; None without a place."""
+    """How many times a law is better than P-PI in tracking and in stiffness at 10 Hz; None without a place.
+
+    Stiffness is that at the worst plant if `worst`.  Tracking is that of the model: at other plants it is run at two
+    only, which differ from law to law.
+    """
     if law is None or law.unplaced or plain.unplaced:
         return None
-    ours, theirs = ((each.worst if worst else each.figures) for each in (law, plain))
-    values = [figures.get(key) for key in (TRACKING, STIFFNESS_AT[0].key) for figures in (ours, theirs)]
-    if any(value is None or not np.isfinite(value) or value <= 0.0 for value in values):
-        return None
-    error, plain_error, stiffness, plain_stiffness = (float(value) for value in values if value is not None)
-    return plain_error / error, stiffness / plain_stiffness
+    errors = [each.figures.get(TRACKING) for each in (law, plain)]
+    stiffness = [(each.worst if worst else each.figures).get(STIFFNESS_AT[0].key) for each in (law, plain)]
+    values = [float(value) for value in (*errors, *stiffness) if value]
+    return (values[1] / values[0], values[2] / values[3]) if len(values) == 4 and np.isfinite(values).all() else None
 
 
 def remaining(model: Comparison, over: Comparison) -> Chart:
-    """Draw what is left of the gains over P-PI: a dot at the worst plants, a line from the gain at the model alone."""
+    """Draw what is left of the gains over P-PI at equal worst-case robustness: a dot for each law.
+
+    A line leads to it from the gain at equal robustness at the model alone.
+    """
     named = {law.name: law for law in model.competitors}
     bases = list(dict.fromkeys(base(law.name) for law in over.competitors))
     marks, ways = list[Mark](), list[Curve]()
@@ -82,7 +87,7 @@ def remaining(model: Comparison, over: Comparison) -> Chart:
     x, y = (np.concatenate([[mark.x for mark in marks], *(way.x for way in ways)]),
             np.concatenate([[mark.y for mark in marks], *(way.y for way in ways)]))  # fmt: skip
     panel = Panel(
-        "stiffness at 10 Hz\n(times that of P-PI)",
+        "stiffness at 10 Hz, worst plant\n(times that of P-PI)",
         tuple(ways),
         marks=tuple(marks),
         levels=(Level(1.0), Level(1.0, upright=True)),
@@ -90,7 +95,9 @@ def remaining(model: Comparison, over: Comparison) -> Chart:
         low=0.85 * float(np.min(y)),
         high=1.15 * float(np.max(y)),
     )
-    label = "tracking (times better than P-PI); dots: at the worst plants of the box, lines from the model alone"
+    label = (
+        "tracking (times better than P-PI); dots: equal robustness over the box, lines: from that at the model alone"
+    )
     return Chart(label, (panel,), LOG, 0.6 * float(np.min(x)), 2.0 * float(np.max(x)), height=6.4)
 
 
