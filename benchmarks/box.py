@@ -25,6 +25,7 @@ import numpy as np
 from scipy.linalg import expm, matrix_balance, schur
 
 import feeddrive as fd
+from feeddrive.blocks.families import Friction
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.evaluation import Engine, Folder
 from feeddrive.language import tree
@@ -47,12 +48,18 @@ class Chain:
     motor: int  # the body with the encoder and the friction of the motor's side
 
 
+def viscous(friction: Friction | None) -> float:
+    """Return the viscous part of a friction, N s/m; of one that differs by direction that of the positive one, in which
+    the laws are linearized.
+    """
+    return float(getattr(friction, "viscous", None) or getattr(friction, "viscous_positive", None) or 0.0)
+
+
 def drawn(loop: Loop, box: Box, draws: int, seed: int) -> tuple[Chain, np.ndarray]:
     """Return plants of a box, and the additional samples of dead time of each."""
     random = np.random.default_rng(seed)
     plant, kind = loop.axis.plant, loop.axis.plant.kind
-    friction = [0.0 if block is None else float(getattr(block, "viscous", None) or 0.0)
-                for block in (loop.axis.friction_motor, loop.axis.friction_load)]  # fmt: skip
+    friction = [viscous(block) for block in (loop.axis.friction_motor, loop.axis.friction_load)]
     p: Any = plant
     if kind == "three_mass_chain":
         mass, k = [p.mass_motor, p.mass_screw, p.mass_load], [p.coupling_stiffness, p.stiffness]

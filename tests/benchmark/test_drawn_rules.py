@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from feeddrive.benchmark.benchmark import FIGURES, Benchmark, Group, effort_of, matched
-from feeddrive.benchmark.rules import folder, read_rules
-from feeddrive.benchmark.standings import drawn_tables, left_out_table, ranked_table, search_table
+from feeddrive import cli
+from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group, effort_of, matched
+from feeddrive.benchmark.rules import Rules, folder, read_rules
+from feeddrive.benchmark.standings import (
+    drawn_tables,
+    left_out_table,
+    places_table,
+    ranked_table,
+    search_table,
+    views_table,
+)
 from feeddrive.blocks.plant.with_mode import WithMode
-from feeddrive.evaluation.competitor import Competitor
+from feeddrive.evaluation.competitor import Competitor, Plant
 from feeddrive.evaluation.designs import Designs
 from feeddrive.evaluation.lineup import Lineup, Trial
 from feeddrive.evaluation.robustness import Design, Tuning
 from feeddrive.figures import of_loops
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.box import Box
 from feeddrive.plot.registry import chart_of
@@ -90,6 +101,38 @@ def test_a_smaller_box_has_the_same_machines_nearer_to_the_model() -> None:
         assert off[1] == pytest.approx(0.5 * off[0], rel=1e-9)
 
 
+def test_each_box_is_searched_once() -> None:
+    """Another draw of machines judges the designs of the rules; a smaller box has designs of its own."""
+    boxes = [str(each.tolerances) for each in RULES.boxes()]
+    assert boxes == [str(Box(stiffness=share, mass=share, dead_time=1)) for share in (0.2, 0.1)]
+    assert RULES.boxes()[0] is RULES
+    assert len(read_rules(1).boxes()) == 1
+
+
+@pytest.mark.parametrize(("asked", "count"), [(["--retune", "--keep", "kept"], 2), ([], 0)])
+def test_retune_searches_the_designs_of_all_boxes(
+    asked: list[str], count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searched: list[tuple[str, list[str], Sequence[str]]] = []
+
+    def search(rules: Rules, plants: Sequence[Plant], keep: Path, *, laws: Sequence[str], **_: object) -> None:
+        searched.append((str(rules.tolerances), [plant.name for plant in plants], laws))
+
+    def score(*_: object, **__: object) -> None:
+        raise ParameterError("searched")
+
+    # by name, as the package has the command under the name of its module
+    module = import_module("feeddrive.workflow.benchmark")
+    monkeypatch.setattr(module, "search", search)
+    monkeypatch.setattr(module, "score", score)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["feeddrive", "benchmark", "--plant", QUICK, "--law", "DADSC", *asked])
+    with pytest.raises(SystemExit):
+        cli.main()
+    boxes = [str(each.tolerances) for each in RULES.boxes()]
+    assert searched == [(box, [QUICK], ("DADSC",)) for box in boxes[:count]]
+
+
 def test_every_law_tunes_a_low_pass_and_where_there_is_a_resonance_a_notch() -> None:
     kinds = {name: [block.kind for block in plant.loop.control.filters] for name, plant in RULES.plants.items()}
     assert kinds[QUICK] == ["low_pass2"]
@@ -151,6 +194,48 @@ def test_no_mean_is_over_other_plants_than_those_beside_it() -> None:
     panel = chart_of(found).panels[0]
     assert len(panel.curves[1].x) == 1  # the mean of P-PI alone
     assert len(panel.curves[0].x) == 6  # four machines of P-PI, two of the other
+    assert panel.curves[2].x[:2] == pytest.approx([1.0, 1.0])  # the interval of P-PI
+    assert len(panel.curves[2].x) == 3  # and none of the other
+
+
+def test_a_column_beside_the_first_has_no_mean_over_other_plants_either() -> None:
+    """A law that does not settle on one plant has no mean of the times on the others, which would flatter it."""
+    settling = FIGURES[HEADS.index("settling")].key
+
+    def settles(plant: str, law: str, snap: float, time: float) -> Competitor:
+        plain = row(plant, law, [snap])
+        return replace(plain, draws=({SNAP.key: snap, settling: time},))
+
+    found = made(
+        settles(A, PLAIN, 2.0, 1.0), settles(B, PLAIN, 2.0, 1.0), settles(A, "a", 1.0, 0.1), settles(B, "a", 1.0, 0.5),
+        settles(A, "b", 1.5, 0.1), settles(B, "b", 1.5, math.inf),
+    )  # fmt: skip
+    (group,) = found.groups()
+    table = ranked_table(found, group)
+    at = [*map(str, table.columns)].index("settling")
+    cells = {line[1]: line[at] for line in table.rows}
+    assert str(cells["a"]) == f"{20.0**0.5:.2f}"
+    assert cells["b"] == "never on 1"
+
+
+@pytest.mark.parametrize(
+    ("views", "said"),
+    [(([1.0], [1.0]), "better"), (([4.0], [4.0]), "worse"), (([1.0], [4.0]), "not decided"), (([2.0], [2.0]), None)],
+)
+def test_the_places_say_what_is_better_than_the_cascade(views: tuple[list[float], ...], said: str | None) -> None:
+    rules, variant = (
+        made(*(row(plant, law, snaps) for plant in (A, B) for law, snaps in ((PLAIN, [2.0]), ("new", own))))
+        for own in views
+    )
+    found = replace(rules, variants={"box of 10 %": variant})
+    (group,) = found.groups()
+    table = places_table(found, group)
+    line = next(line for line in table.rows if line[0] == "new")
+    assert line[2] == said
+    assert next(line for line in table.rows if line[0] == PLAIN)[2] is None
+    scores = next(line for line in views_table(found, group).rows if line[0] == "new")
+    ratios = [f"{2.0 / own[0]:.2f}" for own in views]
+    assert list(map(str, scores[1:])) == [f"{ratio} ({ratio} to {ratio})" for ratio in ratios]
 
 
 def test_a_search_that_is_not_settled_is_marked_and_shown() -> None:

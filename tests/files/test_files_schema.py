@@ -330,6 +330,7 @@ UNWRITTEN = {
     "tables_inch",
     "skip_deleted",
     "dialect",
+    "purpose",
     "recorded",
     "columns",
     "average",

@@ -21,6 +21,7 @@ from feeddrive.language.errors import ParameterError, ProgramError
 from feeddrive.language.kernels.kernel import interpreted
 from feeddrive.language.kernels.source import by_field, columns
 from feeddrive.path import planned, setpoints
+from feeddrive.path.feed_loss import FeedLossRecorder
 from feeddrive.path.geometry.cluster import (
     Goals,
     _prepared,
@@ -39,6 +40,7 @@ from feeddrive.path.program.interpreter import Flow
 from feeddrive.path.program.moves import Command, Feed, Line, PathMode, Spline, Straight
 from feeddrive.path.program.reading import read_commands, read_program
 from feeddrive.path.proof import Prover, faults_of
+from feeddrive.path.purpose import DEFAULT
 from feeddrive.path.schedule import lift, plan, ramp, spline
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.plan import timed
@@ -450,6 +452,7 @@ def test_a_plan_lists_a_thousand_stops_and_counts_all() -> None:
     class Stopping:
         limits, sample_time, samples, time, blocks, runs = AXES, 1e-3, 0, 0.0, 0, 0
         prover, seconds = Prover(LIMITS), dict[str, float]()
+        losses, settings = FeedLossRecorder(LIMITS, AXES.causes[:12], 1e-3), DEFAULT
         stops: tuple[Standstill, ...] | list[Standstill] = ()
 
         def __iter__(self) -> Iterator[Samples]:

@@ -97,6 +97,7 @@ def test_the_report_shows_path_limits_profiles_and_stops(tmp_path: Path) -> None
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     for each in (
         "Path and speed",
+        "Where and why the feed falls",
         "What limits the speed, and when",
         "Axis X",
         "Axis Y",
@@ -106,7 +107,7 @@ def test_the_report_shows_path_limits_profiles_and_stops(tmp_path: Path) -> None
     ):
         assert each in page
     assert "Axis Z" not in page
-    assert page.count("<svg") == 4
+    assert page.count("<svg") == 5
     assert "<script" not in page
     assert len(page) < 1_000_000
     assert plan(part(tmp_path, "F600 G1 X5\nM2\n"), machine="emps", limits=one_axis(tmp_path)).plot() is not None

@@ -71,6 +71,7 @@ T = np.linspace(0.0, 2.0, 3000)
 S = np.sin(8.0 * T)
 F = np.geomspace(5.0, 500.0, 120)
 FIGURES = CRITERIA[:4]
+SCORES = of_laws.ScoreRow([0.8, 1.2], 0.9, (0.85, 1.1)), of_laws.ScoreRow([2.0], None)
 
 
 class Recorded(dict[str, np.ndarray]):
@@ -370,7 +371,7 @@ OF_ROOMS: dict[str, Callable[[], Chart]] = {
     "recovery": lambda: of_laws.recovery_chart(
         [(f"law {i}", recorded(), recorded()) for i in range(8)], begin=0.5, near=5e-7, span=0.3
     ),
-    "benchmark": lambda: of_laws.scores_chart((["a", "b"], {"tracking": [([0.8, 1.2], 0.9), ([2.0], None)]})),
+    "benchmark": lambda: of_laws.scores_chart((["a", "b"], {"tracking": SCORES})),
     "robust": lambda: of_robust.shares_chart(machines(), machines()),
     "yields": lambda: of_study.yields_chart(yields()),
     "histograms": lambda: of_study.histograms_chart(judged()),
@@ -455,7 +456,7 @@ ELSEWHERE = {
     "plot/test_plot_charts.py": "certificate certificate_discs circle unrolled place",
     "plot/test_plot_uncertainty.py": "estimates overlay",
     "analysis/test_poles_and_step.py": "plane damping step_response",
-    "path/test_plan_command.py": "planned plan_causes plan_profiles",
+    "path/test_plan_command.py": "planned plan_causes plan_losses plan_profiles",
     "workflow/test_setpath.py": "corrected corrected_path learned",
     "workflow/test_travel_command.py": "travel",
     "studio/test_studio_pictures.py": "moves snap",

@@ -17,7 +17,7 @@ from feeddrive.plot import complex_plane, over_frequency, part_program
 from feeddrive.plot.chart import LINEAR, LOG, Chart, Curve, Panel
 from feeddrive.plot.drawing import drawn
 from feeddrive.plot.identification import cogging_chart, residuals_chart
-from feeddrive.plot.laws import ratios_chart, scores_chart
+from feeddrive.plot.laws import ScoreRow, ratios_chart, scores_chart
 from feeddrive.plot.machining import _division, circle_unrolled_chart, lobes_chart
 from feeddrive.plot.over_time import Channel, alike, log_chart, scope_chart, steady_range, step_response_chart
 from feeddrive.plot.style import envelope
@@ -326,7 +326,7 @@ def test_a_range_stays_while_curves_use_four_tenths_of_it(top: float, stays: boo
 @pytest.mark.parametrize(("least", "shown"), [(0.06, True), (3e-3, False)])
 def test_numbers_of_narrow_panels_do_not_touch(least: float, shown: bool) -> None:
     """In three panels of one decade 2 and 5 are labeled, of two they are not: they were written over each other."""
-    ratios = [([least, 1.0], 0.5)]
+    ratios = [ScoreRow([least, 1.0], 0.5)]
     figure = drawn(scores_chart((["a"], dict.fromkeys(("snap", "tracking", "cutting"), ratios))))
     figure.canvas.draw()
     for ax in figure.axes:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from feeddrive.benchmark.order import Logs, Order
 from feeddrive.benchmark.rules import Rules, read_rules
 from feeddrive.evaluation.competitor import UNFIT, AtWork, Competitor, Plant
 from feeddrive.evaluation.designs import Designs
@@ -303,10 +304,35 @@ def _times_better(criterion: Figure, ours: float, theirs: float) -> float:
     return ours / theirs if criterion.higher else theirs / ours
 
 
+def logs(benchmark: Benchmark, group: Group, figure: Figure, *, effort: bool = False) -> Logs:
+    """Return ln of the improvement factors of all laws on the plants of a group."""
+    factors = {law: benchmark.draws(law, figure, effort=effort) for law in benchmark.laws_on(group)}
+    return {
+        law: {plant: tuple(map(math.log, rows[plant])) for plant in group.plants if plant in rows}
+        for law, rows in factors.items()
+    }
+
+
+def order_of(benchmark: Benchmark, group: Group, figure: Figure, *, effort: bool = False) -> Order:
+    """Return the order of the laws by a figure on the common plants of a group."""
+    rules = benchmark.rules
+    values = logs(benchmark, group, figure, effort=effort)
+    seed = rules.number(f"bootstrap, {group.name}, {figure.key}", benchmark.own)
+    return Order.of(
+        figure, values, group.plants, rules.resamples, float(rules.confidence), seed, unsettled(benchmark, group)
+    )
+
+
+def unsettled(benchmark: Benchmark, group: Group) -> set[str]:
+    """Return the laws whose search is not confirmed on a plant of a group."""
+    rows = (row for row in benchmark.rows if row.plant in group.plants)
+    return {row.name for row in rows if row.tuned is not None and row.tuned.unsettled}
+
+
 @chart_of.register
 def _chart(benchmark: Benchmark) -> Chart:
     """Plot every law relative to P-PI, plant by plant: with drawn plants by groups of plants, a dot a drawn plant."""
-    from feeddrive.plot.laws import Scores, scores_chart
+    from feeddrive.plot.laws import ScoreRow, Scores, scores_chart
 
     def finite(values: Iterable[float]) -> list[float]:
         return [value for value in values if math.isfinite(value)]
@@ -314,7 +340,7 @@ def _chart(benchmark: Benchmark) -> Chart:
     if not benchmark.rules.draws:
         panels = {
             figure.short: [
-                (finite(benchmark.ratios(law, figure).values()), benchmark.score(law, figure).value)
+                ScoreRow(finite(benchmark.ratios(law, figure).values()), benchmark.score(law, figure).value)
                 for law in benchmark.laws
             ]
             for figure in FIGURES[:_DRAWN]
@@ -326,16 +352,17 @@ def _chart(benchmark: Benchmark) -> Chart:
         # a mean over fewer plants than those of the laws beside it is not shown, and nothing is sorted by it
         mean = {law: benchmark.mean_on(law, best, group) for law in benchmark.laws_on(group)}
         laws = sorted(mean, key=lambda law, mean=mean: (mean[law] is None, -(mean[law] or 0.0), law))
-        panels: Scores = {
-            f"{group.name}: {figure.short}": [
-                (
+        panels: Scores = {}
+        for figure in _BY_GROUPS:
+            ranked = {standing.law: standing for standing in order_of(benchmark, group, figure).standings}
+            panels[f"{group.name}: {figure.short}"] = [
+                ScoreRow(
                     finite(v for p, row in benchmark.draws(law, figure).items() if p in group.plants for v in row),
                     benchmark.mean_on(law, figure, group),
+                    (ranked[law].low, ranked[law].high) if law in ranked else None,
                 )
                 for law in laws
             ]
-            for figure in _BY_GROUPS
-        }
         rows.append(([_with_unstable(benchmark, law, group) for law in laws], panels))
     return scores_chart(*rows)
 

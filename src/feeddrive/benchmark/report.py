@@ -13,6 +13,12 @@ from feeddrive.report.page import write_page
 from feeddrive.report.report import Facts, Picture, Report, Section, Verdict, facts
 
 CITE = "feeddrive benchmark of feed-drive control laws"
+DOTS = "Times better than P-PI at equal robustness; a line is a law, a small dot a plant, the large one their mean."
+DRAWN_DOTS = (
+    "Times better than P-PI at equal robustness; a line is a law, a small dot a drawn machine, the large one the "
+    "geometric mean over all machines of the group, the bar its confidence interval. A law without a place on all "
+    "plants of the group has no mean and stands below; *: its search is not settled on one of them."
+)
 
 
 def write_benchmark(benchmark: Benchmark, out: str | Path) -> Path:
@@ -43,8 +49,7 @@ def benchmark_report(benchmark: Benchmark) -> Report:
     drawn = Picture(
         "scores",
         "What a law wins, and on which plants",
-        "Times better than P-PI at equal robustness; a line is a law, a small dot a plant, the large one the "
-        "geometric mean.",
+        DRAWN_DOTS if benchmark.rules.draws else DOTS,
         "Ratios to P-PI of rope snap, stiffness and tracking, by law.",
         benchmark.chart,
     )

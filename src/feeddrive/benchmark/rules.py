@@ -138,6 +138,14 @@ class Rules(Section):
         """Return the rules of a variant, which has no variants of its own."""
         return replace(self, box=variant.box or self.box, draw=variant.draw or self.draw, variant=())
 
+    def boxes(self) -> tuple[Self, ...]:
+        """Return these rules and those of each variant with another box: each of them has designs of its own."""
+        first = {str(self.tolerances): self}
+        for variant in self.variant:
+            varied = self.varied_by(variant)
+            first.setdefault(str(varied.tolerances), varied)
+        return tuple(first.values())
+
     def described(self, plant: str) -> str:
         """Return the title of the job of a plant, the source of the numbers, and the remark on them."""
         job = self.jobs[plant]
@@ -202,7 +210,7 @@ class Rules(Section):
         if not self.draws:
             runs = Text(f"{self.seeds} with different noise at each position; the worst figure counts")
             return [*rows, ("Runs", runs)]
-        late = Text(f", {Quantity(float(self.late), 'samples')} more dead time" if self.late else "")
+        late = f", {self.late} more {'sample' if self.late == 1 else 'samples'} of dead time" if self.late else ""
         mode = "" if self.mode is None else ", a mode that no law is told"
         drawn = Text(f"{self.draws} machines drawn for each plant: masses and stiffnesses from the box{late}{mode}")
         variants = ", ".join(variant.name for variant in self.variant) or "no variant"

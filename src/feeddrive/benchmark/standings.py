@@ -3,8 +3,8 @@
 import math
 from collections import Counter
 
-from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group
-from feeddrive.benchmark.order import Decision, Logs, Order
+from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group, Score, order_of
+from feeddrive.benchmark.order import Decision, Order, Standing
 from feeddrive.evaluation.competitor import UNFIT, UNSEARCHED, Competitor
 from feeddrive.evaluation.robustness import Design
 from feeddrive.figures import of_loops, of_runs
@@ -17,31 +17,6 @@ from feeddrive.tuning.candidates import PLAIN
 RANKED_BY = (of_loops.ROPE_SNAP, of_runs.TRACKING_RMS, of_runs.CUTTING_RMS)
 THE_RULES = "the rules"
 _MARKED = "; * its search is not settled on one of them: at least so good"
-
-
-def logs(benchmark: Benchmark, group: Group, figure: Figure, *, effort: bool = False) -> Logs:
-    """Return ln of the improvement factors of all laws on the plants of a group."""
-    factors = {law: benchmark.draws(law, figure, effort=effort) for law in benchmark.laws_on(group)}
-    return {
-        law: {plant: tuple(map(math.log, rows[plant])) for plant in group.plants if plant in rows}
-        for law, rows in factors.items()
-    }
-
-
-def order_of(benchmark: Benchmark, group: Group, figure: Figure, *, effort: bool = False) -> Order:
-    """Return the order of the laws by a figure on the common plants of a group."""
-    rules = benchmark.rules
-    values = logs(benchmark, group, figure, effort=effort)
-    seed = rules.number(f"bootstrap, {group.name}, {figure.key}", benchmark.own)
-    return Order.of(
-        figure, values, group.plants, rules.resamples, float(rules.confidence), seed, unsettled(benchmark, group)
-    )
-
-
-def unsettled(benchmark: Benchmark, group: Group) -> set[str]:
-    """Return the laws whose search is not confirmed on a plant of a group."""
-    rows = (row for row in benchmark.rows if row.plant in group.plants)
-    return {row.name for row in rows if row.tuned is not None and row.tuned.unsettled}
 
 
 def decision_of(benchmark: Benchmark, group: Group, figure: Figure) -> Decision:
@@ -71,6 +46,7 @@ def drawn_tables(benchmark: Benchmark) -> list[Table]:
             ranked_table(benchmark, group, effort=True),
             *_some(left_out_table(benchmark, group)),
             places_table(benchmark, group),
+            views_table(benchmark, group),
         ]
     return [*tables, decided_table(benchmark), search_table(benchmark), *_some(missing_table(benchmark))]
 
@@ -93,9 +69,9 @@ def ranked_table(benchmark: Benchmark, group: Group, *, effort: bool = False) ->
     rows: list[list[Cell]] = []
     for standing in order.standings:
         law = standing.law
-        score = Text(f"{Quantity(standing.score):.2f} ({Quantity(standing.low):.2f} to {Quantity(standing.high):.2f})")
+        score = _with_interval(standing)
         others = (benchmark.score(law, figure, group.plants, effort=effort) for figure in FIGURES[1:])
-        cells = [score, *(_whole(other.cell, other.plants + other.never, len(group.plants)) for other in others)]
+        cells = [score, *(_whole(other, len(group.plants)) for other in others)]
         mark = " *" if law in order.unsettled else ""
         rows.append(
             [_places(standing.best, standing.worst), f"{law}{mark}", judged_peak(benchmark, law, group), *cells]
@@ -110,9 +86,13 @@ def ranked_table(benchmark: Benchmark, group: Group, *, effort: bool = False) ->
     return Table(title, ["place", "law", Column("Ms judged", form=".2f"), *HEADS], rows)
 
 
-def _whole(cell: Cell, plants: int, of: int) -> Cell:
-    """Return a score; "-" if it is not over all plants, since it would not be comparable."""
-    return cell if plants == of else None
+def _whole(score: Score, plants: int) -> Cell:
+    """Return a score as a cell; without a mean if it lacks a plant, since it would not be over the plants of the laws
+    beside it.
+    """
+    if score.never:
+        return Text(f"never on {score.never}")
+    return score.cell if score.plants == plants else None
 
 
 def judged_peak(benchmark: Benchmark, law: str, group: Group) -> float | None:
@@ -143,16 +123,50 @@ def left_out_table(benchmark: Benchmark, group: Group) -> Table:
     return Table(title, ["law", "unstable on", "placed on", Column("other reasons")], rows, sentences=3)
 
 
+def views_table(benchmark: Benchmark, group: Group) -> Table:
+    """Return the scores of all laws of a group by the rules and by each of their variants, with intervals: a law whose
+    place hangs on the size of the box shows it here.
+    """
+    orders = decision_of(benchmark, group, FIGURES[0]).orders
+    scores = [
+        {} if order is None else {row.law: _with_interval(row) for row in order.standings} for order in orders.values()
+    ]
+    laws = dict.fromkeys(law for row in scores for law in row)
+    counts = [0 if order is None else len(order.plants) for order in orders.values()]
+    heads = (Text(f"{view} ({_counted(count, 'plant')})") for view, count in zip(orders, counts, strict=True))
+    title = Text(f"{group.name}: times better than {PLAIN} in {FIGURES[0].short} by each view, with intervals")
+    return Table(title, ["law", *heads], [[law, *(row.get(law) for row in scores)] for law in laws])
+
+
+def _with_interval(standing: Standing) -> Text:
+    low, high = Quantity(standing.low), Quantity(standing.high)
+    return Text(f"{Quantity(standing.score):.2f} ({low:.2f} to {high:.2f})")
+
+
 def places_table(benchmark: Benchmark, group: Group) -> Table:
-    """Return, for the figures by which laws are ranked, which places survive the variants of the rules."""
+    """Return, for the figures by which laws are ranked, which places survive the variants of the rules, and whether
+    each law is better or worse than P-PI in all of them.
+    """
     decisions = {figure: decision_of(benchmark, group, figure) for figure in RANKED_BY}
     rows: list[list[Cell]] = []
     for law in decisions[RANKED_BY[0]].order.laws:
-        places = (_places(*v.places(law)) if law in v.order.laws else None for v in decisions.values())
-        rows.append([law, *places])
+        cells: list[Cell] = []
+        for decision in decisions.values():
+            ranked = law in decision.order.laws
+            cells += [_places(*decision.places(law)), _against_plain(decision, law)] if ranked else [None, None]
+        rows.append([law, *cells])
     views = ", ".join((THE_RULES, *benchmark.variants))
-    title = Text(f"{group.name}: places that {views} agree on; a range is not decided")
-    return Table(title, ["law", *(figure.short for figure in RANKED_BY)], rows)
+    title = Text(f"{group.name}: places, and what is better or worse than {PLAIN}, on which {views} agree")
+    heads = (head for figure in RANKED_BY for head in (figure.short, Text(f"{figure.short}, {PLAIN}")))
+    return Table(title, ["law", *heads], rows)
+
+
+def _against_plain(decision: Decision, law: str) -> Cell:
+    """Return whether a law is better than P-PI by the rules and all variants; None for P-PI and laws tied with it."""
+    if decision.order.tied(law, PLAIN):
+        return None
+    verdict = decision.decided(law, PLAIN)
+    return "not decided" if verdict is None else "better" if verdict else "worse"
 
 
 def decided_table(benchmark: Benchmark) -> Table:
@@ -201,7 +215,7 @@ def missing_table(benchmark: Benchmark) -> Table:
     for law, plants in unsearched.items():
         everywhere = "all" if len(named) == len(benchmark.plants) else "all others"
         where = everywhere if len(plants) == len(named) else ", ".join(plants)
-        rows.append([Text(f"{law}: not searched"), where, "--retune searches it"])
+        rows.append([Text(f"{law}: not searched"), where, Text(f"--retune --law '{law}' --keep DIR searches it")])
     return Table("What is missing", ["what", "plants", "reason"], rows, sentences=2)
 
 

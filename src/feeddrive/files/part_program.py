@@ -5,7 +5,7 @@ The files of a plan:
 setpoints.parquet   time, set_position .. set_snap of each axis (x.set_position ...), line of the program; SI
 streamer.txt        positions in mm, A B C in degrees, one line per sample: input of LinuxCNC's `halstreamer`
 streamer.hal        HAL commands that load it
-plan.json           cycle time, limits and their utilization, stops, proof
+plan.json           cycle time, limits and their utilization, stops, where and why the feed fell, proof
 stops.parquet       all stops, if there are more than 1,000
 
 The section [program] of a job.  The planned part program is the reference of all axes that it moves:
@@ -84,6 +84,7 @@ from feeddrive.path.program.dialects import DIALECTS
 from feeddrive.path.program.moves import Arc, Move, Spindle, Spline, Straight, ToolChange
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof import DERIVATIVES, WIDENED
+from feeddrive.path.purpose import PURPOSES, settings, with_tolerance
 from feeddrive.path.setpoints import REASONS, Samples, Setpoints, Standstill
 from feeddrive.path.smoothing import reach, smoothed
 from feeddrive.version import __version__
@@ -520,12 +521,56 @@ def plan_record(plan: Planned) -> dict[str, Any]:
             "farthest_apart_at_a_joint_m": proof.apart,
             "faults": [plan.limits.named(str(fault)) for fault in proof.faults],
         },
+        "for": {
+            "purpose": plan.settings.purpose or None,
+            "tolerance_m": plan.settings.tolerance,
+            **{f"{name}_share": share for name, share in plan.settings.dynamics._asdict().items()},
+            "lifted": plan.settings.lifted,
+            "replaced_by_options": list(plan.settings.options),
+        },
         "limits": uses,
         "seconds_by_cause": dict(plan.seconds),
+        "feed": _feed(plan),
         "stop_count": plan.stop_count,
         "stops_by_reason": dict(plan.stop_reasons),
         "stops_file": STOPS if plan.stop_count > FEW else None,
         "stops": [_stop(plan.limits.letters, stop) for stop in plan.stops],
+    }
+
+
+def _feed(plan: Planned) -> dict[str, Any]:
+    """Return what a plan loses against its feed, by cause, and its falls."""
+    loss = plan.loss
+    causes = [
+        {
+            "cause": row.cause,
+            "limit": row.limit or None,
+            "falls": row.falls,
+            "lost_s": row.lost,
+            "length_m": row.length,
+        }
+        for row in loss.causes
+    ]
+    falls = [
+        {
+            "time_s": fall.time,
+            "duration_s": fall.duration,
+            "lines": [fall.first, fall.last],
+            "length_m": fall.length,
+            "lost_s": fall.lost,
+            "slowest_m_per_s": fall.slowest,
+            "feed_m_per_s": fall.feed,
+            "cause": fall.cause,
+            "limit": fall.limit or None,
+        }
+        for fall in loss.falls
+    ]
+    return {
+        "time_at_feed_s": plan.cycle_time - loss.lost,
+        "lost_s": loss.lost,
+        "by_cause": causes,
+        "fall_count": loss.fall_count,
+        "falls": falls,
     }
 
 
@@ -578,6 +623,11 @@ class PartProgramSection(ProgramSection):
     tables_inch: bool = choice("tools and offsets are in inches", default=False)
     skip_deleted: bool = choice("leave out lines that begin with /", default=False)
     dialect: str = choice("language of the program", options=tuple(DIALECTS), default="linuxcnc")
+    purpose: str | None = choice(
+        "what is machined: sets tolerance and dynamics, as `feeddrive plan --for`",
+        options=tuple(PURPOSES),
+        default=None,
+    )
 
 
 class RecordedSection(ProgramSection):
@@ -662,7 +712,8 @@ def planned_program(
         limits = planned_limits(machine, own_limits)
     except FeeddriveError as error:
         raise section.error(f"{error}", kind=type(error)) from None
-    limits = limits.less(reserve) if reserve else limits
+    used = settings(section.purpose)
+    limits = used.dynamics.of(limits.less(reserve) if reserve else limits)
     T = float(next(iter(machine.loops.values())).sample_time)
     kept: list[np.ndarray] = []
     lines: list[np.ndarray] = []
@@ -678,7 +729,9 @@ def planned_program(
     # Closing ends the generator that reads the program, also after an error of the planner.
     with closing(moves):
         cut_process = None if process is None else process_of(process, program)
-        setpoints = Setpoints(moves if cut_process is None else cut_process.spindle.noted(moves), limits, T)
+        stated = moves if used.tolerance is None else with_tolerance(moves, used.tolerance)
+        noted = stated if cut_process is None else cut_process.spindle.noted(stated)
+        setpoints = Setpoints(noted, limits, T, None, used)
 
         def keep(samples: Samples, _: Sequence[Standstill]) -> None:
             kept.append(samples.values)

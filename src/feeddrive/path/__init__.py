@@ -7,8 +7,8 @@ make_lazy(
     {
         "program.blocks": "read_offsets Line",
         "program.moves": (
-            "Command canonical_text Arc Dwell End Feed Ignored Message Move Offsets PathMode Point Probe Spindle "
-            "Spline Stop Straight Switch Synchronized ToolChange Wait"
+            "Command canonical_text Arc Dwell End ExactStop Feed Ignored Message Move Offsets PathMode Point Probe "
+            "Spindle Spline Stop Straight Switch Synchronized ToolChange Wait"
         ),
         "program.reading": "read_commands read_program",
         "program.state": "Tool read_tools",
@@ -18,6 +18,8 @@ make_lazy(
             "Orientations choose_rotary interpolate_axes interpolate_plane interpolate_vector leaves_arc unwound"
         ),
         "limits": "AxisLimits MachineLimits",
+        "feed_loss": "CauseOfLoss Fall FeedLoss",
+        "purpose": "Dynamics Purpose Settings settings with_tolerance",
         "planned": "Planned planned_of",
         "setpoints": "Setpoints",
         "polygon": "waypoints",

@@ -2,6 +2,9 @@
 
 # written by `make stubs`
 
+from feeddrive.path.feed_loss import CauseOfLoss as CauseOfLoss
+from feeddrive.path.feed_loss import Fall as Fall
+from feeddrive.path.feed_loss import FeedLoss as FeedLoss
 from feeddrive.path.five_axes import HeadHead as HeadHead
 from feeddrive.path.five_axes import HeadTable as HeadTable
 from feeddrive.path.five_axes import TableTable as TableTable
@@ -27,6 +30,7 @@ from feeddrive.path.program.moves import Arc as Arc
 from feeddrive.path.program.moves import Command as Command
 from feeddrive.path.program.moves import Dwell as Dwell
 from feeddrive.path.program.moves import End as End
+from feeddrive.path.program.moves import ExactStop as ExactStop
 from feeddrive.path.program.moves import Feed as Feed
 from feeddrive.path.program.moves import Ignored as Ignored
 from feeddrive.path.program.moves import Message as Message
@@ -48,4 +52,9 @@ from feeddrive.path.program.reading import read_commands as read_commands
 from feeddrive.path.program.reading import read_program as read_program
 from feeddrive.path.program.state import Tool as Tool
 from feeddrive.path.program.state import read_tools as read_tools
+from feeddrive.path.purpose import Dynamics as Dynamics
+from feeddrive.path.purpose import Purpose as Purpose
+from feeddrive.path.purpose import Settings as Settings
+from feeddrive.path.purpose import settings as settings
+from feeddrive.path.purpose import with_tolerance as with_tolerance
 from feeddrive.path.setpoints import Setpoints as Setpoints

@@ -261,8 +261,9 @@ class Part(NamedTuple):
     next run is `entering` at the same time, the following part continues from the position that the next run has then
     reached.
 
-    mode  path mode (`PathMode`) that requires the stop; empty if the joint has a tolerance, but cannot be passed within
-          it
+    mode    path mode (`PathMode`) that requires the stop; empty if the joint has a tolerance, but cannot be passed
+            within it
+    factor  feed override that the feed of the pieces contains
     """
 
     pieces: Pieces
@@ -270,6 +271,7 @@ class Part(NamedTuple):
     ends: bool
     entering: Entering | None = None
     mode: str = ""
+    factor: float = 1.0
 
 
 class Pause(NamedTuple):

@@ -10,8 +10,10 @@ import numpy as np
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
+from feeddrive.path.feed_loss import FeedLoss
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.proof import DERIVATIVES, Proof
+from feeddrive.path.purpose import Settings
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 
 _STRETCHES = 8192
@@ -129,6 +131,8 @@ class Planned(Result):
     stop_reasons      number of stops of each kind
     seconds           cycle time by limiting cause: the limit used most in a sample, the feed, or a standstill
     course            reduced motion for plots
+    loss              time lost against the feed, by cause
+    settings          tolerance and dynamics that the plan was made with
     """
 
     program: str
@@ -145,6 +149,8 @@ class Planned(Result):
     stop_reasons: Mapping[str, int]
     seconds: Mapping[str, float]
     course: Course
+    loss: FeedLoss
+    settings: Settings
 
     def table(self) -> Table:
         """Return a table of the limits of each axis and the peak utilization of each limit."""
@@ -201,4 +207,6 @@ def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | No
         dict(reasons),
         setpoints.seconds,
         recorder.course(setpoints.sample_time),
+        setpoints.losses.result(),
+        setpoints.settings,
     )

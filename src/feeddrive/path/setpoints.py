@@ -16,12 +16,27 @@ import numpy as np
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Records, Records2
 from feeddrive.language.quantity import number
+from feeddrive.path.feed_loss import CORNER, FeedLossRecorder
 from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
 from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.limits import MachineLimits
-from feeddrive.path.motion import Derivatives, Motion, Part, Pause, Pieces, Section, chain, cubic, derivatives, way
+from feeddrive.path.motion import (
+    LINE,
+    Derivatives,
+    Motion,
+    Part,
+    Pause,
+    Pieces,
+    Section,
+    chain,
+    cubic,
+    derivatives,
+    direction,
+    way,
+)
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
 from feeddrive.path.proof import Prover
+from feeddrive.path.purpose import DEFAULT, Settings
 from feeddrive.path.schedule.corner import Crossings
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Override, Schedule
@@ -279,18 +294,25 @@ class Setpoints:
 
     moves        moves from `read_program`
     sample_time  sample time of the loop, s
+    settings     tolerance and dynamics that moves and limits contain
     stops        standstills since the list was last emptied
     blocks       number of straight moves, arcs and splines read
     line         program line being read
     seconds      cycle time by cause: the limit used most, the feed, or a standstill
+    losses       recorder of the time that is lost against the feed
 
     Raises ProgramError, located at the program line, as `read_program` and `planned` do.
     """
 
     def __init__(
-        self, moves: Iterable[Move], limits: MachineLimits, sample_time: float, override: Override | None = None
+        self,
+        moves: Iterable[Move],
+        limits: MachineLimits,
+        sample_time: float,
+        override: Override | None = None,
+        settings: Settings = DEFAULT,
     ) -> None:
-        self.limits, self.sample_time = limits, sample_time
+        self.limits, self.sample_time, self.settings = limits, sample_time, settings
         self.stops: list[Standstill] = []
         self.blocks = self.line = self.samples = self.runs = 0
         self.time = 0.0
@@ -304,6 +326,7 @@ class Setpoints:
         self._waits: Pause | None = None  # the pause since then
         self._last_line = 0
         self.proven = True
+        self.losses = FeedLossRecorder(self._array, limits.causes[: 4 * len(limits.axes)], sample_time)
 
     def __iter__(self) -> Iterator[Samples]:
         for part in planned(self._counted(), self.limits.letters, self._array, self._override):
@@ -342,8 +365,10 @@ class Setpoints:
         self.proven = self.prover.prove(part) and self.proven
         for values in self._sampler.slices(part):
             times = (self.samples + np.arange(len(values))) * self.sample_time - self.time
-            samples = Samples(self.samples, values, *_where(part, times), self.proven)
+            line, feed, shape, programmed = _where(part, times, self._array[:, 0])
+            samples = Samples(self.samples, values, line, feed, self.proven)
             self._attribute(samples)
+            self.losses.add(values, programmed, line, shape, part.factor)
             self.samples += len(values)
             yield samples
         self.time += float(np.sum(motion.duration))
@@ -363,6 +388,7 @@ class Setpoints:
 
     def _stand(self, reason: str, duration: float, line: int, angle: float = 0.0) -> None:
         self.stops.append(Standstill(self.time, duration, line, self._position, reason, angle))
+        self.losses.stop(self.time, duration, reason)
 
     def _rest(self, duration: float, line: int) -> Iterator[Samples]:
         """Yield the samples of a standstill in chunks."""
@@ -374,6 +400,7 @@ class Setpoints:
             self.samples += len(values)
             # a standstill has no limiting axis, so it is counted here and not by `_attribute`
             self._counts[-1] += len(values)
+            self.losses.add(values, samples.feed, samples.line, np.full(len(values), LINE))
             yield samples
             duration -= now
         self.time = ends
@@ -411,18 +438,43 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
     return reasons
 
 
-def _where(part: Part, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the program line and feed at given times, s, from the start of a part."""
+def _where(
+    part: Part, times: np.ndarray, velocity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return line, feed, shape and programmed feed at given times, s, from the start of a part.
+
+    Where two runs overlap, the programmed feed F is that of both ways: (u0' + u1')/F = u0'/F0 + u1'/F1.
+
+    velocity  velocity limits of the axes, m/s, which are the feed of a traverse there
+    """
     pieces, motion = part.pieces, part.motion
     begins = np.cumsum(motion.duration) - motion.duration
     m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
     far = np.cumsum(pieces.length)
     u = (far - pieces.length)[motion.piece[m]] + motion.x[m]
     v, a, j, s = (row[m] for row in motion[3:])
+    since = times - begins[m]
     gone: Any = way.python  # plain arithmetic, which also accepts arrays
-    u += gone(v, a, j, s, times - begins[m])
+    u += gone(v, a, j, s, since)
     p = np.clip(np.searchsorted(far, u), 0, len(far) - 1)
-    return pieces.line[p], pieces.feed[p]
+    line, feed = pieces.line[p], pieces.feed[p]
+    if part.entering is None:
+        return line, feed, pieces.kind[p], feed
+    speed_of: Any = cubic.python
+    first = np.abs(speed_of(v, a, j, s, since))
+    second = np.abs(speed_of(*(row[m] for row in part.entering.motion[3:]), since))
+    slowness = first / _feed(pieces, velocity) + second / _feed(part.entering.pieces, velocity)
+    programmed = np.where(slowness > 0.0, (first + second) / np.where(slowness > 0.0, slowness, 1.0), feed)
+    return line, feed, np.full(len(p), CORNER), programmed
+
+
+def _feed(pieces: Pieces, velocity: np.ndarray) -> float:
+    """Return the feed of a single piece, on a traverse the largest speed along it within the velocity limits, m/s."""
+    feed = float(pieces.feed[0])
+    if math.isfinite(feed):
+        return feed
+    along = np.abs(direction(pieces, 0))
+    return float(np.linalg.norm(along) / max(float(np.max(along / velocity)), 1e-300))
 
 
 def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:

@@ -116,6 +116,8 @@ from feeddrive.plot.part_program import part_zoom as part_zoom
 from feeddrive.plot.part_program import part_zoom_chart as part_zoom_chart
 from feeddrive.plot.part_program import plan_causes as plan_causes
 from feeddrive.plot.part_program import plan_causes_chart as plan_causes_chart
+from feeddrive.plot.part_program import plan_losses as plan_losses
+from feeddrive.plot.part_program import plan_losses_chart as plan_losses_chart
 from feeddrive.plot.part_program import plan_profiles as plan_profiles
 from feeddrive.plot.part_program import plan_profiles_chart as plan_profiles_chart
 from feeddrive.plot.part_program import planned as planned

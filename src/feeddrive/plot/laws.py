@@ -2,8 +2,9 @@
 disturbance recovery.
 """
 
+import math
 from collections.abc import Mapping, Sequence
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from feeddrive.plot.chart import (
     MARKERS,
     NEUTRAL,
     THIN,
+    WIDE,
     Abscissa,
     Box,
     Chart,
@@ -152,12 +154,21 @@ def recovery_chart(rows: Sequence[tuple[str, Run, Run]], *, begin: float, near: 
     return Chart(label, tuple(panels), height=5.0, columns=3)
 
 
-Scores: TypeAlias = Mapping[str, Sequence[tuple[Sequence[float], float | None]]]
-"""For each heading and each law, the ratios to P-PI and their mean, or None if there is no mean to be shown."""
+class ScoreRow(NamedTuple):
+    """The ratios of one law to P-PI, their mean if there is one to be shown, and its confidence interval."""
+
+    ratios: Sequence[float]
+    mean: float | None
+    interval: tuple[float, float] | None = None
+
+
+Scores: TypeAlias = Mapping[str, Sequence[ScoreRow]]
+"""The rows of all laws by heading."""
 
 
 def scores_chart(*rows: tuple[Sequence[str], Scores]) -> Chart:
-    """Plot rows of panels, one panel per figure with one line per law: a small dot per plant, a large one for the mean.
+    """Plot rows of panels, one panel per figure with one line per law: a small dot per plant, a large one for the mean,
+    on a bar of its interval.
 
     rows  for each row of panels its laws from the top, and their ratios by heading
     """
@@ -169,16 +180,22 @@ def scores_chart(*rows: tuple[Sequence[str], Scores]) -> Chart:
     return Chart("", tuple(shown), across=len(rows[0][1]), height=len(rows) * (1.0 + 0.2 * tallest))
 
 
-def _scores_panel(
-    laws: Sequence[str], head: str, rows: Sequence[tuple[Sequence[float], float | None]], *, named: bool
-) -> Panel:
-    plants = [(ratio, -row) for row, (ratios, _) in enumerate(rows) for ratio in ratios]
-    means = [(mean, -row) for row, (_, mean) in enumerate(rows) if mean]
+def _scores_panel(laws: Sequence[str], head: str, rows: Sequence[ScoreRow], *, named: bool) -> Panel:
+    plants = [(ratio, -place) for place, row in enumerate(rows) for ratio in row.ratios]
+    means = [(row.mean, -place) for place, row in enumerate(rows) if row.mean]
+    # NaN separates the bars
+    bars = [(end, -place) for place, row in enumerate(rows) if row.interval for end in (*row.interval, math.nan)]
     # `reshape` gives two columns even without a dot.
-    (x, y), (mean_x, mean_y) = (np.array(dots, float).reshape(-1, 2).T for dots in (plants, means))
+    (x, y), (mean_x, mean_y), (bar_x, bar_y) = (
+        np.array(dots, float).reshape(-1, 2).T for dots in (plants, means, bars)
+    )
     return Panel(
         "",
-        (Curve(x, y, number=NEUTRAL, look=DOTS), Curve(mean_x, mean_y, look=MARKERS)),
+        (
+            Curve(x, y, number=NEUTRAL, look=DOTS),
+            Curve(mean_x, mean_y, look=MARKERS),
+            *([Curve(bar_x, bar_y, look=WIDE)] if bars else []),
+        ),
         levels=(Level(1.0, upright=True),),
         ticks=tuple(Tick(tick.value, tick.name if named else "") for tick in listed(laws)),
         low=0.4 - len(laws),

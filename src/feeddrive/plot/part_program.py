@@ -19,7 +19,7 @@ from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import POINTS, envelope
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from feeddrive.learning.part_correction import CorrectedProgram
     from feeddrive.learning.part_log import LearnedPart
@@ -254,6 +254,7 @@ def _round(factor: float) -> float:
 
 # from slow to fast: warm to cold, and thinner, so that gray print shows it too; number of the color, and width
 _SPEEDS = ((chart.ALERT, 1.85), (1, 1.6), (4, 1.3), (2, 1.1), (5, 0.95), (0, 0.8))
+_CAUSE_NUMBERS = (chart.ALERT, 1, 0, 4, 2)  # colors of the causes of falls, the largest loss first
 _COLUMNS = 400  # time intervals over the width of a picture
 _FLAT = 0.02  # of the largest extent: an axis that moves less has no separate view
 _MARKED_STOPS = 300  # largest number of marked stops
@@ -265,6 +266,22 @@ _UNITS = {
 
 def planned_chart(plan: Planned) -> Chart:
     """Plot the planned path with its speed as color, and the stops; with a second view if a third axis moves."""
+    return _on_path(plan, _path)
+
+
+planned = figure_of(planned_chart)
+
+
+def plan_losses_chart(plan: Planned) -> Chart:
+    """Plot the planned path, colored by what makes it slower than the programmed feed; views as in `planned_chart`."""
+    return _on_path(plan, _lost)
+
+
+plan_losses = figure_of(plan_losses_chart)
+
+
+def _on_path(plan: Planned, curves_of: Callable[[Planned, np.ndarray, np.ndarray], list[Curve]]) -> Chart:
+    """Plot curves along the path, and the stops, in each view of the path."""
     factors, units = (list(row) for row in zip(*plan.limits.shown, strict=True))
     place, letters = np.array(factors) * plan.course.position, plan.limits.letters
     # One axis makes no path to draw.
@@ -282,15 +299,12 @@ def planned_chart(plan: Planned) -> Chart:
     stops = np.array([stop.position * factors for stop in plan.stops[:_MARKED_STOPS]]).reshape(-1, len(letters))
     panels = list[Panel]()
     for (i, j), shape in zip(views, shapes, strict=True):
-        curves = _path(plan, place[:, i], place[:, j])
+        curves = curves_of(plan, place[:, i], place[:, j])
         if len(stops):
             curves.append(Curve(stops[:, i], stops[:, j], "stop", chart.NEUTRAL, chart.RING, size=0.8))
         abscissa = Abscissa(f"{letters[i]} ({units[i]})", square=True)
         panels.append(Panel(f"{letters[j]} ({units[j]})", tuple(curves), share=shape, abscissa=abscissa))
     return Chart("", tuple(panels), height=0.6 + 0.92 * chart.WIDTH * sum(shapes) * 0.9)
-
-
-planned = figure_of(planned_chart)
 
 
 def _path(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
@@ -313,6 +327,28 @@ def _path(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
             curves.append(
                 Curve(*stretches, number=number, look=chart.PLAIN, caption=Text(f"{low:3} to {high:3}"), size=size)
             )
+    return curves
+
+
+def _lost(plan: Planned, x: np.ndarray, y: np.ndarray) -> list[Curve]:
+    """Return a curve for each cause of falls of the feed, the largest loss first, and one for the path at the feed."""
+    loss = plan.loss
+    cause = loss.cause[np.searchsorted(loss.time, plan.course.time, side="right") - 1]
+    sums = dict.fromkeys(loss.names, 0.0)
+    for row in loss.causes:
+        sums[row.cause] += row.lost
+    order = sorted(range(1, len(loss.names)), key=lambda k: -sums[loss.names[k]])
+    shown, rest = order[: len(_CAUSE_NUMBERS)], order[len(_CAUSE_NUMBERS) :]
+    curves = list[Curve]()
+    if np.any(cause == 0):
+        curves.append(Curve(*_stretches(x, y, cause == 0), "at the feed", chart.NEUTRAL, chart.PLAIN, size=0.5))
+    for k, number in zip(shown, _CAUSE_NUMBERS, strict=False):
+        caption = Text(f"{loss.names[k]}: {Quantity(sums[loss.names[k]], 's'):3 SI}")
+        curves.append(Curve(*_stretches(x, y, cause == k), number=number, look=chart.PLAIN, caption=caption, size=1.4))
+    if rest:
+        caption = Text(f"others: {Quantity(sum(sums[loss.names[k]] for k in rest), 's'):3 SI}")
+        there = np.isin(cause, rest)
+        curves.append(Curve(*_stretches(x, y, there), number=3, look=chart.PLAIN, caption=caption, size=1.4))
     return curves
 
 

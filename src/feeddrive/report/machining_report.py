@@ -87,6 +87,7 @@ def plan_report(plan: Planned) -> Report:
         ("Machine", plan.machine),
         ("Setpoints", Text(f"{plan.samples:,}, one every {Quantity(plan.sample_time, 's'):3}")),
         ("Blocks", f"{plan.blocks:,} that move, in {plan.runs:,} runs from rest to rest"),
+        *([("Purpose", plan.settings.sentence())] if plan.settings.purpose else []),
         ("Proof", _proof(plan)),
         ("feeddrive", __version__),
     ]
@@ -97,6 +98,7 @@ def plan_report(plan: Planned) -> Report:
         (
             Section("limits", "Limits", (titled(plan.table(), "The largest share of each limit that is used."),)),
             further(pictures[1:]),
+            Section("falls", "Falls of the feed", _falls(plan), folded=True),
             Section("stops", "Stops", _stops(plan), folded=True),
             facts("What was planned", conditions),
         ),
@@ -140,6 +142,14 @@ def _pictures(plan: Planned) -> Sequence[Picture]:
             plan.chart,
         ),
         Picture(
+            "losses",
+            "Where and why the feed falls",
+            "Color: what makes the path slower than 95 % of its programmed feed, with the time that is lost by it, "
+            "ramps included. Thin: at the feed. Circles: stops, the first 300.",
+            f"The path of {plan.program}, colored by the cause of each fall of the feed.",
+            lambda: plot.plan_losses_chart(plan),
+        ),
+        Picture(
             "causes",
             "What limits the speed, and when",
             "A row for each limit; it is filled where this limit is used most, and its share of the cycle time stands "
@@ -162,6 +172,43 @@ def _pictures(plan: Planned) -> Sequence[Picture]:
             if np.any(plan.proof.use[i] > 0.0)
         ),
     ]
+
+
+def _falls(plan: Planned) -> list[Part]:
+    loss = plan.loss
+    if not loss.fall_count:
+        return ["None: the path keeps its feed."]
+    causes = [[row.cause, row.limit, row.falls, row.lost, row.length] for row in loss.causes]
+    heads = ["cause", "limit", "falls", Column("lost", "s", "SI"), Column("length", "m", "mm")]
+    rows = [
+        [
+            f"{fall.first} to {fall.last}",
+            fall.time,
+            fall.lost,
+            fall.length,
+            fall.slowest,
+            fall.feed,
+            fall.cause,
+            fall.limit,
+        ]
+        for fall in sorted(loss.falls, key=lambda fall: -fall.lost)[:_LISTED]
+    ]
+    columns = [
+        "lines",
+        Column("time", "s", "SI"),
+        Column("lost", "s", "SI"),
+        Column("length", "m", "mm"),
+        Column("slowest", "m/s", "mm/s"),
+        Column("feed", "m/s", "mm/s"),
+        "cause",
+        "limit",
+    ]
+    caption = (
+        f"The {len(rows)} with the largest loss, of {loss.fall_count:,}." if loss.fall_count > len(rows) else "All."
+    )
+    at_feed = Quantity(plan.cycle_time - loss.lost, "s")
+    sums = Text(f"Time lost by cause: {Quantity(loss.lost, 's'):6 SI} more than {at_feed:6 SI} at the feed.")
+    return [Table(sums, heads, causes), Table(caption, columns, rows)]
 
 
 def _stops(plan: Planned) -> list[Part]:

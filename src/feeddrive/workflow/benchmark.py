@@ -26,7 +26,9 @@ class BenchmarkRequest(EvaluationRequest):
         "A law that is wanted, by name or kind, beside P-PI; may be repeated; default: all", default=()
     )
     seed: int = option("Seed of the runs; 0: the seeds of the rules", default=0, least=0)
-    retune: bool = option("Search every law that has no design in --keep yet; this takes hours", default=False)
+    retune: bool = option(
+        "Search every law that has no design in --keep yet, over each box; this takes hours", default=False
+    )
     keep: Path | None = option(
         "Directory of designs that are kept as they are found, to go on after a stop; they come before the stored ones",
         default=None,
@@ -61,9 +63,9 @@ def rules_in_short(rules: Rules) -> list[str]:
 def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmark]:
     """Run every law with its stored design on the fixed plants of the benchmark, and print a table to be cited.
 
-    User-defined laws (--blocks) have no stored design and are tuned first.  With `retune` all laws are tuned, except
-    those whose design is already in the directory `keep`.  Raises ParameterError for an unknown plant, law or version
-    of the rules.
+    User-defined laws (--blocks) have no stored design and are tuned first.  With `retune` all laws are tuned, over each
+    box of the rules and their variants, except those whose design is already in the directory `keep`.  Raises
+    ParameterError for an unknown plant, law or version of the rules.
     """
     if request.retune and request.keep is None:
         raise ParameterError("retune: name with --keep the directory in which the designs are kept as they are found")
@@ -76,15 +78,17 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
     with engine_of(request, None, request.out) as engine, TemporaryDirectory() as forgotten:
         keep = request.keep or Path(forgotten)
         if request.retune or own:
-            search(
-                rules,
-                plants,
-                keep,
-                laws=laws if request.retune else own,
-                engine=engine,
-                stored=not request.retune,
-                progress=progress,
-            )
+            # a table needs the designs of all boxes; a law of the user is first tried over that of the rules
+            for searched in rules.boxes() if request.retune else (rules,):
+                search(
+                    searched,
+                    searched.chosen(request.plant),
+                    keep,
+                    laws=laws if request.retune else own,
+                    engine=engine,
+                    stored=not request.retune,
+                    progress=progress,
+                )
         scored = score(rules, plants, laws=laws, designs=[keep], own=request.seed, engine=engine, progress=progress)
         if request.out is not None:
             progress.step("report")

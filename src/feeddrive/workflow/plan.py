@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -26,9 +26,10 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.planned import Planned, Take, planned_of
-from feeddrive.path.program.dialects import DialectName
+from feeddrive.path.program.dialects import DIALECTS, DialectName
 from feeddrive.path.program.moves import Ignored, Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
+from feeddrive.path.purpose import PURPOSES, read_dynamics, settings, with_tolerance
 from feeddrive.path.schedule.run import read_steps
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 from feeddrive.report.machining_report import plan_report
@@ -62,7 +63,7 @@ class PlanRequest(Request):
     dialect: str = option(
         "language of the program; marlin is that of 3D printers, whose E is the axis U",
         default="linuxcnc",
-        options=("linuxcnc", "grbl", "marlin"),
+        options=tuple(DIALECTS),
     )
     tolerance: float | None = option(
         "tolerance of corners where the program states none (G64 without P); it stops there if left out",
@@ -70,6 +71,16 @@ class PlanRequest(Request):
         unit="m",
         entered="mm",
         above=0.0,
+    )
+    purpose: str | None = option(
+        "what is machined, as with CYCLE832: sets tolerance and dynamics where neither options nor the program do",
+        default=None,
+        flag="--for",
+        options=tuple(PURPOSES),
+    )
+    dynamics: str | None = option(
+        "shares of the limits of acceleration, jerk and snap in %: 100,50,50, or one for all; 100 if left out",
+        default=None,
     )
     override: str | None = option(
         "steps of the feed in % from these times on, in s: 1:50, 2:0, 3.5:120; 0 holds; 100 before the first",
@@ -104,10 +115,13 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     Raises ProgramError, with file, line, column and word, for a block that cannot be read or executed.
     """
     machine = None if request.machine is None else read_machine(request.machine)
-    limits = planned_limits(machine, request.limits)
-    unfit = "" if request.tolerance is None else limits.unfit(request.tolerance)
+    dynamics = None if request.dynamics is None else read_dynamics(request.dynamics)
+    used = settings(request.purpose, request.tolerance, dynamics, lifted=request.override is None)
+    limits = used.dynamics.of(planned_limits(machine, request.limits))
+    unfit = "" if used.tolerance is None else limits.unfit(used.tolerance)
     if unfit:
-        raise ParameterError(f"--tolerance: {unfit}")
+        option_name = "--for" if request.tolerance is None else "--tolerance"
+        raise ParameterError(f"{option_name}: {unfit}")
     sample_time = request.sample_time
     if sample_time is None:
         assert machine is not None
@@ -115,12 +129,12 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     override = None if request.override is None else read_steps(request.override)
     names = request.program.name, called(request.machine if machine is None else machine.name)
     # a generator that an error leaves suspended would keep the program file open
-    left_out = Counter[str]()
-    with contextlib.closing(_moves(request, limits, progress, left_out)) as moves:
-        setpoints = Setpoints(moves, limits, sample_time, override)
+    counts = Counts()
+    with contextlib.closing(_moves(request, limits, used.tolerance, progress, counts)) as moves:
+        setpoints = Setpoints(moves, limits, sample_time, override, used)
         if request.out is None:
             planned = planned_of(setpoints, *names)
-            return _outcome(planned, None, machine, left_out)
+            return _outcome(planned, None, machine, counts)
         with new_directory(request.out) as folder:
             with setpoint_files(folder, limits, sample_time, request.program.name) as writer:
                 planned = planned_of(setpoints, *names, _into(writer))
@@ -129,7 +143,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
                 (folder / JOB).write_text(job, encoding="utf-8")
             progress.step("report")
             (folder / "report.html").write_text(html(plan_report(planned)), encoding="utf-8")
-    outcome = _outcome(planned, request.out, machine, left_out)
+    outcome = _outcome(planned, request.out, machine, counts)
     return replace(outcome, then=line("run", request.out / JOB)) if job else outcome
 
 
@@ -138,8 +152,9 @@ JOB = "job.toml"  # the machine along the program that was planned
 
 def _job(request: PlanRequest, machine: MachineFile | None, planned: Planned) -> str:
     """Return the text of the job that runs the program on the machine; empty if no job can reproduce this plan."""
-    # a job has the tolerance, the feed and the sample time of program and machine
-    changed = (request.tolerance, request.override, request.sample_time, request.parameters) != (None,) * 4
+    # a job has the tolerance, the feed and the sample time of program, purpose and machine
+    options = (request.tolerance, request.dynamics, request.override, request.sample_time, request.parameters)
+    changed = any(value is not None for value in options)
     if machine is None or planned.proof.count or changed or request.front_end != "auto":
         return ""
     axis = next((name for name in machine.loops if name.upper() in planned.limits.letters), None)
@@ -158,6 +173,7 @@ def _job(request: PlanRequest, machine: MachineFile | None, planned: Planned) ->
         lines += [] if path is None else [f"{name} = {quoted(_found(path))}"]
     lines += [f"{name} = true" for name in ("tables_inch", "skip_deleted") if getattr(request, name)]
     lines += [] if request.dialect == "linuxcnc" else [f"dialect = {quoted(request.dialect)}"]
+    lines += [] if request.purpose is None else [f"purpose = {quoted(request.purpose)}"]
     return "\n".join([*lines, ""])
 
 
@@ -186,8 +202,18 @@ def _into(writer: SetpointWriter) -> Take:
     return write
 
 
-def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress, left_out: Counter[str]) -> Generator[Move]:
-    """Yield the moves of the program, report the progress of reading, and count the codes that are left out."""
+@dataclass
+class Counts:
+    """What was counted while the program was read: codes that are left out, and tolerances that it states."""
+
+    left_out: Counter[str] = field(default_factory=Counter[str])
+    tolerances: int = 0
+
+
+def _moves(
+    request: PlanRequest, limits: MachineLimits, tolerance: float | None, progress: Progress, counts: Counts
+) -> Generator[Move]:
+    """Yield the moves of the program, report the progress of reading, and count what the outcome names."""
     front_end: FrontEnd = request.front_end  # type: ignore[assignment]
     dialect: DialectName = request.dialect  # type: ignore[assignment]
     moves = read_program(
@@ -202,12 +228,11 @@ def _moves(request: PlanRequest, limits: MachineLimits, progress: Progress, left
         dialect=dialect,
     )
     of = _lines_of(request.program)
-    stated = moves if request.tolerance is None else _with_tolerance(moves, request.tolerance)
+    counted = _counted(moves, counts)
+    stated = counted if tolerance is None else with_tolerance(counted, tolerance)
     farthest, shown, watched = 0, monotonic(), monotonic()
     with contextlib.closing(moves):
         for count, move in enumerate(stated):
-            if isinstance(move, Ignored):
-                left_out[move.code] += 1
             yield move
             # a subroutine or a loop goes back in the file; the progress bar must not
             farthest = max(farthest, move.source.number)
@@ -236,18 +261,13 @@ def _named_values(text: str) -> dict[str, float]:
     return values
 
 
-def _with_tolerance(moves: Iterable[Move], tolerance: float) -> Iterator[Move]:
-    """Yield the moves, adding the tolerance to every continuous path mode for which the program states none."""
-    begun = False
+def _counted(moves: Iterable[Move], counts: Counts) -> Iterator[Move]:
     for move in moves:
-        if isinstance(move, PathMode) and move.mode == "continuous" and move.tolerance == 0.0:
-            yield replace(move, tolerance=tolerance)
-        else:
-            # the tolerance must hold from the first motion on, also in a program that never states a path mode
-            if not begun and not isinstance(move, PathMode):
-                yield PathMode(move.source, "continuous", tolerance)
-            yield move
-        begun = True
+        if isinstance(move, Ignored):
+            counts.left_out[move.code] += 1
+        elif isinstance(move, PathMode) and move.tolerance > 0.0:
+            counts.tolerances += 1
+        yield move
 
 
 def _lines_of(program: Path) -> int:
@@ -257,9 +277,7 @@ def _lines_of(program: Path) -> int:
     return 0
 
 
-def _outcome(
-    planned: Planned, out: Path | None, machine: MachineFile | None, left_out: Mapping[str, int]
-) -> Outcome[Planned]:
+def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None, counts: Counts) -> Outcome[Planned]:
     remarks = [
         f"{count} x {reason}" for reason, count in sorted(planned.stop_reasons.items(), key=lambda item: -item[1])
     ]
@@ -272,8 +290,11 @@ def _outcome(
     sentences: list[str] = []
     if causes:
         sentences += [f"Stops: {', '.join(remarks) or 'none'}.", Text(f"Most of the time is limited by: {told}.")]
-    if left_out:
-        codes = ", ".join(f"{count} x {code}" for code, count in sorted(left_out.items()))
+        sentences += planned.loss.sentences(planned.cycle_time)
+    if planned.settings.purpose:
+        sentences.append(planned.settings.sentence(counts.tolerances))
+    if counts.left_out:
+        codes = ", ".join(f"{count} x {code}" for code, count in sorted(counts.left_out.items()))
         sentences.append(f"Left out, as they move nothing: {codes}.")
     proven = planned.proof.count == 0
     files = {}

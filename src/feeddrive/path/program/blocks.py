@@ -589,20 +589,28 @@ M_CODES: dict[int, Code] = {
     **_codes(Step.OUTPUT, {66: "wait for an input"}),
     **_codes(Step.TOOL_CHANGE, {6: "change tool", 61: "set tool number"}),
     **_codes(Step.SPINDLE, {3: "spindle clockwise", 4: "spindle counterclockwise", 5: "spindle stop"}),
-    **_codes(Step.SPINDLE, {19: "orient the spindle"}, native=False),
+    **_codes(Step.SPINDLE, {19: "orient the spindle"}),
     **_codes(Step.COOLANT, {7: "mist on", 8: "flood on", 9: "coolant off"}),
     **_codes(Step.OVERRIDE, {48: "overrides on", 49: "overrides off", 50: "feed override", 51: "speed override"}),
     **_codes(Step.OVERRIDE, {52: "adaptive feed", 53: "feed hold"}),
     **_codes(
         Step.OVERRIDE,
         {70: "save modes", 71: "drop saved modes", 72: "restore modes", 73: "save for the call"},
-        native=False,
+        "saved modes",
     ),
     **_codes(Step.STOP, {0: "stop", 1: "optional stop", 2: "end", 30: "end, pallet change", 60: "pallet change, stop"}),
 }
 
+_UNDEFINED = "LinuxCNC's manual says that it is accepted, but not defined; write its moves"
 REFUSED: dict[str, str] = {
     "G33.1": "rigid tapping follows the real spindle: take it out of what is planned",
+    "G76": "lathe: a thread follows the real spindle, take it out of what is planned",
+    "G87": f"back boring: {_UNDEFINED}",
+    "G88": f"boring with a manual retract, from where the operator leaves it: {_UNDEFINED}",
+    **dict.fromkeys(
+        (f"M{number}" for number in range(100, 200)),
+        "M100 to M199 start programs of the machine, and what they do is not known: take it out",
+    ),
     **dict.fromkeys(("M98", "M99"), "subprograms are o-words here: o100 sub .. o100 endsub, and o100 call"),
 }
 """The codes that neither front end supports, with the reason."""
@@ -769,7 +777,8 @@ def _code(letter: str, value: float, text: str, start: int | None) -> tuple[Step
         known = nearest(written, [name_of(letter, listed) for listed in table])
         raise BlockError(f"there is no such code here{known}", written, at)
     name = name_of(letter, number)
-    raise BlockError(REFUSED.get(name) or RS274.format(f"{name} ({code.meaning})"), name, at)
+    meaning = code.meaning if "lathe" in code.meaning else f"lathe: {code.meaning}"
+    raise BlockError(REFUSED.get(name) or RS274.format(f"{name} ({meaning})"), name, at)
 
 
 _WRITTEN = {

@@ -3,6 +3,7 @@
 linuxcnc  RS-274/NGC itself
 grbl      the codes of Grbl 1.1; $H homes, other lines with $ set the controller and are left out
 marlin    3D printers (Marlin and its relatives): E is the axis U, G0 moves at the feed, temperatures are left out
+siemens   SINUMERIK controls, whose programs have an interpreter of their own (`siemens.py`)
 
 A rewritten line keeps its columns where it can.  A code that a dialect does not have is refused.
 """
@@ -13,7 +14,7 @@ from typing import Literal, NamedTuple
 
 from feeddrive.path.program.blocks import BlockError
 
-DialectName = Literal["linuxcnc", "grbl", "marlin"]
+DialectName = Literal["linuxcnc", "grbl", "marlin", "siemens"]
 
 
 class Rewritten(NamedTuple):
@@ -133,5 +134,10 @@ def _grbl(text: str) -> Rewritten:
     return Rewritten(text)
 
 
-DIALECTS: dict[str, Callable[[str], Rewritten] | None] = {"linuxcnc": None, "grbl": _grbl, "marlin": _marlin}
-"""The function that rewrites a line of a dialect, by its name."""
+DIALECTS: dict[str, Callable[[str], Rewritten] | None] = {
+    "linuxcnc": None,
+    "grbl": _grbl,
+    "marlin": _marlin,
+    "siemens": None,
+}
+"""The function that rewrites a line of a dialect, by its name; None for one that is not rewritten line by line."""

@@ -123,6 +123,8 @@ class Frame:
             "PROGRAM_STOP": lambda c: moves.Stop(c.line, False),
             "OPTIONAL_PROGRAM_STOP": lambda c: moves.Stop(c.line, True),
             "STRAIGHT_PROBE": self._probe,
+            "EXACT_STOP": lambda c: moves.ExactStop(c.line, False),
+            "ORIENT_SPINDLE": lambda c: moves.Spindle(c.line, self._speed, self._direction),
             "WAIT": lambda c: moves.Wait(c.line, False),
             "PROGRAM_END": lambda c: moves.End(c.line),
             "FINISH": lambda c: moves.End(c.line),

@@ -7,10 +7,13 @@ The program is never held in memory: a loop returns to the position of its line 
 position of its subroutine.
 """
 
+from __future__ import annotations
+
 import re
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.path.program import blocks
@@ -69,10 +72,98 @@ class Open:
     left: int = 0
 
 
+class Modes(NamedTuple):
+    """The modes that M70 saves and M72 restores, as fields of `State`; lengths are in the unit that was chosen then."""
+
+    inch: bool
+    feed_mode: int
+    feed: float
+    speed: float
+    spindle: int
+    plane: int
+    tool_offset: tuple[float, ...]
+    system: int
+    path_mode: str
+    tolerance: float
+    naive_tolerance: float
+    incremental: bool
+    arc_absolute: bool
+    retract_to_r: bool
+    mist: bool
+    flood: bool
+    feed_override: bool
+    speed_override: bool
+    adaptive_feed: bool
+    feed_hold: bool
+
+    @classmethod
+    def of(cls, state: State) -> Modes:
+        """Return the modes of a state."""
+        modes = cls._make(getattr(state, name) for name in cls._fields)
+        # the list goes on changing
+        return modes._replace(tool_offset=tuple(state.tool_offset))
+
+    def unit_line(self, state: State) -> str:
+        """Return the block that restores the unit; empty if it is the same."""
+        return "" if self.inch == state.inch else "G20" if self.inch else "G21"
+
+    def lines(self, state: State) -> Iterator[str]:
+        """Yield the blocks that restore what differs in a state, which has the unit already."""
+        now = Modes.of(state)
+
+        def changed(*names: str) -> bool:
+            return any(getattr(self, name) != getattr(now, name) for name in names)
+
+        words = list[str]()
+        if changed("feed_mode"):
+            words.append(f"G{self.feed_mode // 10}")
+        if self.feed_mode != 930 and changed("feed_mode", "feed"):
+            words.append(f"F{_word(self.feed)}")
+        if changed("speed"):
+            words.append(f"S{_word(self.speed)}")
+        if changed("spindle"):
+            words.append({0: "M5", 1: "M3", -1: "M4"}[self.spindle])
+        if changed("plane"):
+            words.append(f"G{self.plane // 10}")
+        yield " ".join(words)
+        if changed("tool_offset"):
+            axes = zip(blocks.AXES, self.tool_offset, strict=True)
+            yield (
+                "G43.1 " + " ".join(f"{letter}{_word(value)}" for letter, value in axes)
+                if any(self.tool_offset)
+                else "G49"
+            )
+        if changed("system"):
+            yield f"G{_SYSTEM_CODES[self.system]}"
+        if changed("path_mode", "tolerance", "naive_tolerance"):
+            tolerances = f" P{_word(self.tolerance)} Q{_word(self.naive_tolerance)}"
+            code = {name: code for code, name in _PATH_MODES.items()}[self.path_mode]
+            yield blocks.name_of("g", code) + (tolerances if code == 640 else "")
+        words = ["G91" if self.incremental else "G90"] if changed("incremental") else []
+        words += ["G90.1" if self.arc_absolute else "G91.1"] if changed("arc_absolute") else []
+        words += ["G99" if self.retract_to_r else "G98"] if changed("retract_to_r") else []
+        yield " ".join(words)
+        if now.mist > self.mist or now.flood > self.flood:
+            # M9 ends both
+            yield "M9"
+            now = now._replace(mist=False, flood=False)
+        yield from (code for code, name in (("M7", "mist"), ("M8", "flood")) if changed(name))
+        switched = (("M50", "feed_override"), ("M51", "speed_override"), ("M52", "adaptive_feed"), ("M53", "feed_hold"))
+        yield from (f"{code} P{int(getattr(self, name))}" for code, name in switched if changed(name))
+
+
+def _word(value: float) -> str:
+    # no exponent: RS-274 has none
+    return f"{value:.17f}"
+
+
 @dataclass
 class Frame:
     """The call frame of a subroutine or of the program: return position, arguments, local parameters, and open
     loops.
+
+    saved     modes that M70 or M73 have saved at this level
+    restores  True if they are restored when the subroutine returns (M73)
     """
 
     label: str
@@ -81,6 +172,8 @@ class Frame:
     arguments: dict[int, float] = field(default_factory=dict[int, float])
     local: dict[str, float] = field(default_factory=dict[str, float])
     opened: list[Open] = field(default_factory=list[Open])
+    saved: Modes | None = None
+    restores: bool = False
 
 
 def statement_of(text: str) -> tuple[str, str] | None:
@@ -110,6 +203,17 @@ class Flow:
         parameters.live["_value"] = lambda: self._value
         parameters.live["_value_returned"] = lambda: self._returned
         self._value = self._returned = 0.0
+        self.returned: Modes | None = None  # modes that the subroutine which has just returned restores (M73)
+
+    @property
+    def frame(self) -> Frame:
+        """The innermost call frame."""
+        return self._frames[-1]
+
+    @property
+    def reader(self) -> LineReader:
+        """The reader of the file whose lines are being executed."""
+        return self._frames[-1].reader
 
     def close(self) -> None:
         """Close all files."""
@@ -284,6 +388,7 @@ class Flow:
             raise BlockError(f"this ends the subroutine o{label}, but {running}: o{label} sub stands where?", "o", 0)
         self._value, self._returned = (arguments[0], 1.0) if arguments else (0.0, 0.0)
         self._frames.pop()
+        self.returned = frame.saved if frame.restores else None
         numbered = self._parameters.numbered
         for parameter in blocks.ARGUMENTS:
             numbered.pop(parameter, None)
@@ -561,6 +666,14 @@ class Switches:
         emit("CHANGE_TOOL", state.tool)
 
     def _spindle(self, code: int, block: Block) -> None:
+        if code == 190:
+            angle, way = block.take("r") or 0.0, block.whole("p", "M19", 0, 2, 0)
+            if not 0.0 <= angle <= 360.0:
+                raise BlockError(f"R of M19 is an angle from 0 to 360 degrees, not {number(angle, 6)}", "R")
+            # the time that it takes is not known: a stop, for which the machine waits
+            block.take("q")
+            self._emit("ORIENT_SPINDLE", self.chosen, angle, way)
+            return
         # -1 stands for all spindles
         if self.chosen <= 0:
             self._state.spindle = {30: 1, 40: -1, 50: 0}[code]
@@ -650,6 +763,10 @@ class Switches:
             state.feed_override = on
         elif code == 510:
             state.speed_override = on
+        elif code == 520:
+            state.adaptive_feed = on
+        else:
+            state.feed_hold = on
         self._switch(_SWITCHED[code], on)
 
     def _switch(self, what: str, on: bool) -> None:
@@ -717,6 +834,8 @@ _EXCLUDED = {
 _HARMLESS = {*(("g", code) for code in (0, 10, 20, 30, 800)), *(("m", code) for code in (610, 640, 650, 680))}
 """Codes that radius compensation excludes: those of some steps, without some of them."""
 _FEED_MODE, _OFFSET, _MOTION, _STOP = Step.FEED_MODE, Step.OFFSET, Step.MOTION, Step.STOP
+_OVERRIDE, _MODAL_STATE = Step.OVERRIDE, frozenset({700, 710, 720, 730})
+_SYSTEM_CODES = {1: "54", 2: "55", 3: "56", 4: "57", 5: "58", 6: "59", 7: "59.1", 8: "59.2", 9: "59.3"}
 _ARC_WORDS = frozenset("ijkr")
 
 
@@ -879,6 +998,9 @@ class Interpreter:
             self._comment(block.comments[-1])
         if block.control:
             self._flow.act(block.control)
+            if self._flow.returned:
+                saved, self._flow.returned = self._flow.returned, None
+                self._restore(saved, "M73")
             return
         words, codes = block.words, block.codes
         self._switches.chosen = self._spindle_of(block) if "$" in words else 0
@@ -902,6 +1024,8 @@ class Interpreter:
                     stop = number
                 elif step is _OFFSET:
                     special = number
+                elif step is _OVERRIDE and number in _MODAL_STATE:
+                    self._modes(number)
                 else:
                     self._switches.act(step, number, block)
         elif "f" in words or "s" in words or "t" in words:
@@ -941,6 +1065,29 @@ class Interpreter:
                     continue
                 name = blocks.name_of(letter, code)
                 raise BlockError(f"{name} does not go with radius compensation: write G40 in a line before it", name)
+
+    def _modes(self, code: int) -> None:
+        """Execute M70 (save the modes), M71 (drop them), M72 (restore), or M73 (save, and restore on return)."""
+        frame = self._flow.frame
+        if code in (700, 730):
+            frame.saved, frame.restores = Modes.of(self._state), code == 730
+        elif code == 710:
+            frame.saved, frame.restores = None, False
+        elif frame.saved is None:
+            raise BlockError("no modes are saved at this level: write M70 or M73 before, in the same subroutine", "M72")
+        else:
+            self._restore(frame.saved, "M72")
+
+    def _restore(self, saved: Modes, name: str) -> None:
+        """Execute the blocks that restore saved modes."""
+        state = self._state
+        if state.compensation:
+            raise BlockError(f"{name} does not go with radius compensation: write G40 in a line before it", name)
+        if unit := saved.unit_line(state):
+            self._execute(blocks.read_block(self._line._replace(text=unit), self._parameters, False))
+        for text in saved.lines(state):
+            if text:
+                self._execute(blocks.read_block(self._line._replace(text=text), self._parameters, False))
 
     def _spindle_of(self, block: Block) -> int:
         """Return the number of the spindle ($) that S, M3, M4 or M5 of a block mean: 0 the first, -1 all."""

@@ -389,6 +389,11 @@ class Wait(Stop):
 
 
 @dataclass(frozen=True, slots=True)
+class ExactStop(Stop):
+    """A stop at the end of one block (G9), or until the control has read on (STOPRE)."""
+
+
+@dataclass(frozen=True, slots=True)
 class End:
     """The end of the program."""
 

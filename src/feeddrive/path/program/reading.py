@@ -25,16 +25,15 @@ from feeddrive.path.program.dialects import DialectName
 from feeddrive.path.program.frame import Frame, Travel
 from feeddrive.path.program.interpreter import MOST_AGAIN, Interpreter
 from feeddrive.path.program.moves import Command, Move, read_command
+from feeddrive.path.program.siemens import SiemensInterpreter
 from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINEAR, SYSTEM, SYSTEMS, Tool, read_tools
 
 PROGRAM, PACKAGE = "rs274", "linuxcnc-uspace"
 LONGEST_RUN, LARGEST_OUTPUT = 300.0, 2e9
 """The longest run of `rs274`, s, and the largest size of its output, bytes."""
 
-_NEEDED = re.compile(r"g0*(?:(?:[78]|76|8[78])(?![\d.])|7[0-2](?!\d))|m0*(?:19|7[0-3])(?![\d.])")
-_CANDIDATE = re.compile(
-    rb"[gG][ \t0]*(?:7[ \t]*[0126]|8[ \t]*[78]|[78][ \t]*(?![0-9 \t]))|[mM][ \t0]*(?:1[ \t]*9|7[ \t]*[0-3])"
-)
+_NEEDED = re.compile(r"g0*(?:[78](?![\d.])|7[0-2](?!\d)|96(?![\d.]))")
+_CANDIDATE = re.compile(rb"[gG][ \t0]*(?:7[ \t]*[012]|9[ \t]*6|[78][ \t]*(?![0-9 \t]))")
 _NAME = re.compile(r"<[^>]*>")
 _NUMBER = re.compile(r"\s*(/?)\s*(?:[nN][\s\d.]*)?")
 _PRINTED = re.compile(r"\s*\d+ N(\d+|\.+)\s+(.*)")
@@ -45,7 +44,7 @@ _O_WORD = re.compile(r"o\s*(?:<([^>]+)>|(\d+))", re.IGNORECASE)
 
 
 def needs_rs274(program: Path) -> bool:
-    """Return True if a program has codes that only the interpreter of LinuxCNC supports, such as G41."""
+    """Return True if a program has codes that only the interpreter of LinuxCNC supports: those of lathes."""
     reader = LineReader(program)
     try:
         if not _may_need(program):
@@ -91,7 +90,7 @@ def rs274_commands(
     Comments that it would run as Python are refused, and so are subroutines in other folders.
     """
     if shutil.which(PROGRAM) is None:
-        raise MissingProgramError(PROGRAM, PACKAGE, f"{program}: cutter compensation")
+        raise MissingProgramError(PROGRAM, PACKAGE, f"{program}: codes of lathes")
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "program.ngc"
         source = _Source(program, copy)
@@ -317,10 +316,10 @@ def read_program(
     tables_inch   both tables are in inches instead of mm
     skip_deleted  skip lines that begin with /
     front_end     own: the built-in interpreter; rs274: that of LinuxCNC; auto: rs274 if
-                  it is installed and the program needs it (G41)
+                  it is installed and the program needs it (G7)
     most_again    largest number of lines that loops and calls may repeat
     parameters    values of named parameters that the program does not set, such as {"_hal[plasmac.cut-feed-rate]": 40}
-    dialect       linuxcnc: RS-274/NGC; grbl; marlin: a 3D printer, whose E is the axis U
+    dialect       linuxcnc: RS-274/NGC; grbl; marlin: a 3D printer, whose E is the axis U; siemens: SINUMERIK
 
     An invalid program ends the iteration with a `ProgramError` stating file, line, column, word and reason.
     """
@@ -374,6 +373,11 @@ def read_commands(
     numbered = None if offsets is None else blocks.read_offsets(offsets)
     if front_end == "rs274":
         return rs274_commands(path, table, numbered, tables_inch, skip_deleted)
+    if dialect == "siemens":
+        interpreter = SiemensInterpreter(
+            path, table, numbered, tables_inch, skip_deleted, most_again, parameters=parameters
+        )
+        return interpreter.commands()
     return Interpreter(
         path, table, numbered, tables_inch, skip_deleted, most_again, dialect, parameters=parameters
     ).commands()

@@ -142,6 +142,7 @@ class State:
         self.feed = 0.0
         self.feed_override = True
         self.speed_override = True
+        self.adaptive_feed = self.feed_hold = True
         self.incremental = False
         self.extruder_incremental = False
         self.arc_absolute = False

@@ -344,7 +344,7 @@ def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[li
     count, m, alone, n, rest = shared(ends, begins, lasts, last, first)
     entering = Entering(part_of_pieces(two.pieces, 0, 1), from_rows(first[:count], 0), tolerance)
     k = len(one.pieces.length) - 1
-    leaves = [Part(part_of_pieces(one.pieces, k, k + 1), from_rows(last[:count], 0), True, entering)]
+    leaves = [Part(part_of_pieces(one.pieces, k, k + 1), from_rows(last[:count], 0), True, entering, factor=one.factor)]
     before = Motion._make([array[: m + int(alone > 0.0)].copy() for array in one.motion])
     if len(before.duration):
         before.duration[-1] = alone if alone > 0.0 else before.duration[-1]

@@ -340,7 +340,7 @@ class Schedule:
         count = timed(begin, np.ascontiguousarray(rows), room)
         motion = Motion._make([array[:count].copy() for array in room])
         self.time += float(motion.duration.sum())
-        return Part(pieces._replace(feed=pieces.feed * self._factor), motion, ends)
+        return Part(pieces._replace(feed=pieces.feed * self._factor), motion, ends, factor=self._factor)
 
 
 def plan_run(pieces: Pieces, limits: np.ndarray, window: int = WINDOW) -> Motion:
