@@ -1,23 +1,28 @@
 """Check laws that a comparison ranks over a box, by other means than those of the tuner.
 
-    python benchmarks/box.py ball_screw --law cascade_ppi --law lqg      # 10,000 draws; about a minute for the draws
+    python benchmarks/box.py ball_screw --law cascade_ppi --law lqg      # 10,000 draws, 2 s of processor time a law
+    OPENBLAS_NUM_THREADS=1 python benchmarks/box.py ball_screw --law cascade_ppi --law pole_placement --cost 3
 
 Every plant is drawn from the box, half of them evenly, half with each parameter at an end with probability 1/2.  Its
 mechanics are written here anew, as masses between springs, with the exact hold of current loop and dead time by
 `scipy.linalg.expm`; the law is linearized by central differences of its own step on floats.  Neither the traced law
 nor the linear models of feeddrive are used.  Ms is the peak of |1/(1 + L)|, first on lines that are dense at the
 resonances, then refined at the peak of every draw; stability is that of the eigenvalues of the whole closed loop.
+
+`--cost N` measures the comparison instead, without and with the box in turn, N times, each in a process of its own.
 """
 
 import argparse
 import time
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import expm, matrix_balance, schur
 
 import feeddrive as fd
 from feeddrive.blocks.families import Friction
@@ -188,13 +193,26 @@ def linear_law(control: Control, T: float, velocity: float) -> tuple[np.ndarray,
 
 
 def law_response(law: Sequence[np.ndarray], f: np.ndarray, T: float) -> np.ndarray:
-    """Return the response of a law to both readings, (draws, 2, lines)."""
+    """Return the response of a law to both readings, (draws, 2, lines): d + c (z - A)⁻¹ B by the Schur form of A.
+
+    A million lines at once; some of them are compared with solved systems.
+    """
     A, B, c, d = law
     z = np.exp(2j * np.pi * f.ravel() * T)
-    x = np.linalg.solve(
-        z[:, None, None] * np.eye(A.shape[0]) - A, np.broadcast_to(B, (z.size, *B.shape)).astype(complex)
-    )
-    return (np.einsum("n,lnr->rl", c, x) + d[:, None]).reshape(2, *f.shape).transpose(1, 0, 2)
+    # balanced: next to forces in N the positions in m would lose their digits
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    form, vectors = schur(balanced.astype(complex), output="complex")[:2]
+    right, left, out = vectors.conj().T @ (B / scale[:, None]), (c * scale) @ vectors, np.empty((2, z.size), complex)
+    for i in range(2):
+        x = np.repeat(right[:, i, None], z.size, axis=1)
+        for k in range(len(x) - 1, -1, -1):
+            x[k] /= z - form[k, k]
+            x[:k] += form[:k, k, None] * x[k]
+        out[i] = left @ x + d[i]
+    for k in range(0, z.size, max(1, z.size // 50)):
+        solved = c @ np.linalg.solve(z[k] * np.eye(len(A)) - A, B.astype(complex)) + d
+        assert np.all(np.abs(out[:, k] - solved) < 1e-6 * np.max(np.abs(solved)))
+    return out.reshape(2, *f.shape).transpose(1, 0, 2)
 
 
 def constants(law: Sequence[np.ndarray]) -> np.ndarray:
@@ -219,19 +237,18 @@ def closed_eigenvalues(plants: Held, law: Sequence[np.ndarray]) -> np.ndarray:
     live = ~constants(law)
     inner, entered, c = A[np.ix_(live, live)], B[live], c[live]
     n, q, deep = plants.A.shape[1], inner.shape[0], int(np.max(plants.late)) + 2
-    largest = np.empty(plants.A.shape[0])
-    for i in range(largest.size):
-        m = int(plants.late[i])
-        W = np.zeros((n + q + deep, n + q + deep))
-        force = np.concatenate([d @ plants.C, c, np.zeros(deep)])  # of this sample; before: the cells of the memory
-        cells = [force, *np.eye(n + q + deep)[n + q :]]
-        W[:n, :n] = plants.A[i]
-        W[:n] += np.outer(plants.B0[i], cells[m]) + np.outer(plants.B1[i], cells[m + 1])
-        W[n : n + q, :n], W[n : n + q, n : n + q] = entered @ plants.C, inner
-        W[n + q] = force
-        W[n + q + 1 :, n + q : -1] = np.eye(deep - 1)
-        largest[i] = np.max(np.abs(np.linalg.eigvals(W)))
-    return largest
+    count, size = plants.A.shape[0], n + q + deep
+    force = np.concatenate([d @ plants.C, c, np.zeros(deep)])  # of this sample; before: the cells of the memory
+    W = np.zeros((count, size, size))
+    W[:, :n, :n] = plants.A
+    for m in np.unique(plants.late):
+        # a command that acts in the sample in which it is computed is the force itself
+        late, (here, before) = plants.late == m, (force if k == 0 else np.eye(size)[n + q + k - 1] for k in (m, m + 1))
+        W[late, :n] += plants.B0[late][:, :, None] * here + plants.B1[late][:, :, None] * before
+    W[:, n : n + q, :n], W[:, n : n + q, n : n + q] = entered @ plants.C, inner
+    W[:, n + q] = force
+    W[:, n + q + 1 :, n + q : -1] = np.eye(deep - 1)
+    return np.max(np.abs(np.linalg.eigvals(W)), axis=1)
 
 
 @dataclass(frozen=True)
@@ -281,6 +298,28 @@ class Draws:
         return Drawn(float(np.max(best)), int(np.argmax(best)), float(np.max(closed_eigenvalues(self.plants, law))))
 
 
+def seconds(machine: str, axis: str, laws: Sequence[str], box: Box | None) -> float:
+    """Return the processor time of a comparison, s, after one of another machine has loaded and compiled all it can."""
+    fd.comparison.compare_laws(fd.read_machine("linear_motor"), "x", laws=["P-PI"], starts=1)
+    read, begun = fd.read_machine(machine), time.process_time()
+    fd.comparison.compare_laws(read, axis, laws=laws, box=box)
+    return time.process_time() - begun
+
+
+def cost(machine: str, axis: str, laws: Sequence[str], box: Box, turns: int) -> None:
+    """Print what a comparison costs without and with a box, each in a process of its own."""
+    found = list[tuple[float, float]]()
+    for _ in range(turns):
+        pair = list[float]()
+        for some in (None, box):
+            with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
+                pair.append(process.submit(seconds, machine, axis, laws, some).result())
+        found.append((pair[0], pair[1]))
+        print(f"no box {pair[0]:.2f} s, {box} {pair[1]:.2f} s, {pair[1] / pair[0]:.2f} times", flush=True)
+    plain, over = (min(part) for part in zip(*found, strict=True))
+    print(f"least of {turns}: {plain:.2f} s, {over:.2f} s, {over / plain:.2f} times")
+
+
 def main() -> None:
     """Compare laws over a box, and check each that is ranked."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -291,10 +330,14 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kept", type=Path, help="finished laws, as docs/draw_robust.py keeps them in KEPT/box")
+    parser.add_argument("--cost", type=int, help="measure the processor time of the comparison, so many times")
     asked = parser.parse_args()
     machine, box = fd.read_machine(asked.machine), Box.parse(asked.box)
     assert box is not None
     axis = asked.axis or next(iter(machine.loops))
+    if asked.cost:
+        cost(asked.machine, axis, asked.law, box, asked.cost)
+        return
     begun = time.process_time()
     engine = None if asked.kept is None else Engine.of(None, store=Folder(asked.kept))
     comparison = fd.comparison.compare_laws(machine, axis, laws=asked.law, box=box, engine=engine)

@@ -1,6 +1,6 @@
 """Runs the comparisons of docs/box.md: laws at equal robustness at the model, and at equal robustness over a box.
 
-python docs/draw_robust.py [--machine ball_screw] [--kept FOLDER]     writes the picture into docs/images, and the table
+python docs/draw_robust.py [--machine ball_screw] [--kept FOLDER]     writes pictures into docs/images, and the table
 
 Both comparisons tune the same filters with every law.  KEPT holds finished laws, to go on after a stop.
 """
@@ -11,14 +11,18 @@ import argparse
 import os
 from pathlib import Path
 
+import numpy as np
+
 from feeddrive.comparison.compare import TODAY, Comparison, compare_laws
 from feeddrive.evaluation import Engine, Folder
 from feeddrive.evaluation.competitor import Competitor
 from feeddrive.figures.figure import Figure
-from feeddrive.figures.of_loops import ROPE_SNAP, SENSITIVITY_PEAK
+from feeddrive.figures.of_loops import ROPE_SNAP, SENSITIVITY_PEAK, STIFFNESS_AT
 from feeddrive.files.machine import read_machine
 from feeddrive.language.quantity import number
 from feeddrive.loop.box import Box
+from feeddrive.plot.chart import LOG, THIN, Chart, Curve, Level, Mark, Panel
+from feeddrive.plot.drawing import drawn
 from feeddrive.tuning.candidates import PLAIN
 
 IMAGES = Path(__file__).parent / "images"
@@ -49,6 +53,59 @@ def row(law: Competitor, model: Comparison, box: Comparison, snap: Figure) -> st
     return f"| {' | '.join(cells)} |"
 
 
+def gain(law: Competitor | None, plain: Competitor, *, worst: bool) -> tuple[float, float] | None:
+    """How many times a law is better than P-PI in tracking and in stiffness at 10 Hz; None without a place.
+
+    Stiffness is that at the worst plant if `worst`.  Tracking is that of the model: at other plants it is run at two
+    only, which differ from law to law.
+    """
+    if law is None or law.unplaced or plain.unplaced:
+        return None
+    errors = [each.figures.get(TRACKING) for each in (law, plain)]
+    stiffness = [(each.worst if worst else each.figures).get(STIFFNESS_AT[0].key) for each in (law, plain)]
+    values = [float(value) for value in (*errors, *stiffness) if value]
+    return (values[1] / values[0], values[2] / values[3]) if len(values) == 4 and np.isfinite(values).all() else None
+
+
+def remaining(model: Comparison, over: Comparison) -> Chart:
+    """Draw what is left of the gains over P-PI at equal worst-case robustness: a dot for each law.
+
+    A line leads to it from the gain at equal robustness at the model alone.
+    """
+    named = {law.name: law for law in model.competitors}
+    bases = list(dict.fromkeys(base(law.name) for law in over.competitors))
+    marks, ways = list[Mark](), list[Curve]()
+    for law in over.competitors:
+        end = gain(law, over[PLAIN], worst=True)
+        if law.name == TODAY or end is None:
+            continue
+        number_of, start = bases.index(base(law.name)) - 1, gain(named.get(law.name), model[PLAIN], worst=False)
+        marks.append(Mark(*end, number_of, name=law.name, key=law.name))
+        if start is not None:
+            x, y = (np.array(pair) for pair in zip(start, end, strict=True))
+            ways.append(Curve(x, y, number=number_of, look=THIN))
+    x, y = (np.concatenate([[mark.x for mark in marks], *(way.x for way in ways)]),
+            np.concatenate([[mark.y for mark in marks], *(way.y for way in ways)]))  # fmt: skip
+    panel = Panel(
+        "stiffness at 10 Hz, worst plant\n(times that of P-PI)",
+        tuple(ways),
+        marks=tuple(marks),
+        levels=(Level(1.0), Level(1.0, upright=True)),
+        scale=LOG,
+        low=0.85 * float(np.min(y)),
+        high=1.15 * float(np.max(y)),
+    )
+    label = (
+        "tracking (times better than P-PI); dots: equal robustness over the box, lines: from that at the model alone"
+    )
+    return Chart(label, (panel,), LOG, 0.6 * float(np.min(x)), 2.0 * float(np.max(x)), height=6.4)
+
+
+def base(name: str) -> str:
+    """The name of a law up to the first " + " or comma: laws with the same one share a color."""
+    return name.partition(" + ")[0].partition(",")[0]
+
+
 def main() -> None:
     """Compare twice, print the table and draw the comparison over the box."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -71,6 +128,7 @@ def main() -> None:
         if law.name != TODAY:
             print(row(law, model, over, ROPE_SNAP))
     over.plot().savefig(IMAGES / f"robust_{asked.machine}.svg", metadata={"Date": None})
+    drawn(remaining(model, over)).savefig(IMAGES / f"remaining_{asked.machine}.svg", metadata={"Date": None})
 
 
 if __name__ == "__main__":

@@ -117,7 +117,7 @@ def test_a_loop_that_is_unstable_in_the_box_has_no_worst_runs() -> None:
     )
     row = case.outcome(Progress())
     assert row.kind == OUTSIDE
-    assert "over the box unstable at x: mass -50 %" in row.unplaced
+    assert "over the box unstable at model: mass -50 %" in row.unplaced
     assert "tracking_error_rms_m" not in row.worst
 
 

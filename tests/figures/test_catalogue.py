@@ -180,7 +180,7 @@ def test_a_mean_stiffness_is_that_of_sixty_lines() -> None:
 def test_a_bound_that_a_step_of_the_search_may_reach_is_kept(slack: float, kept: bool) -> None:
     """The trust region is at most 0.6 of a logarithm wide."""
     loop = SimpleNamespace(gain_slope=np.zeros((2, 1)), thinned=False)
-    assert bool(_near(np.array([slack, 5.0]), loop)) is kept  # type: ignore[arg-type]
+    assert bool(_near(np.array([slack, 5.0]), loop).size) is kept  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("kink", "straight"), [(0.06, False), (0.1, True)])

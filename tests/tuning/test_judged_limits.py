@@ -41,7 +41,7 @@ def slack_of_the_search(lead: float, limit: float) -> float:
         logarithms=logarithms(L.frequency, L.response),
     )
     found = bounds_of(0, each, Limits(sensitivity_peak=None, phase_margin_deg=limit))  # type: ignore[arg-type]
-    return found[0].slack
+    return next(iter(found)).slack
 
 
 @pytest.mark.parametrize("lead", [50.0, -50.0])

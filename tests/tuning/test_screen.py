@@ -13,7 +13,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.tuning.closed_loop import grows
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.sampled_plants import SampledPlants
-from feeddrive.tuning.screen import Screen, can_screen
+from feeddrive.tuning.screen import Screen, ScreenedPlants, can_screen
 from feeddrive.tuning.worst import Examination, box_plants
 
 LIMITS = Limits(
@@ -98,3 +98,17 @@ def test_what_cannot_be_screened_is_examined_plant_by_plant() -> None:
     other = Limits(gain_margin_dB=6.0)
     assert not can_screen(examination.response, other)
     assert Examination(loop.control, float(loop.sample_time), other, 0.05).matrix is None
+
+
+def test_a_look_that_the_first_limit_rules_out_asks_for_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop = loop_of("linear_motor")
+    plants = box_plants(Box(), loop, "model", 0.05)
+    examination = Examination(loop.control, float(loop.sample_time), LIMITS, 0.05)
+    assert plants.screen is not None
+    assert examination.matrix is not None
+    screened = ScreenedPlants(plants.screen, plants.corners)
+    whole = list(screened.bounds(examination.response, examination.matrix, LIMITS))
+    assert [bound.figure for bound in whole] == [limit.figure for limit in LIMITS.limits]
+    monkeypatch.setattr(Screen, "_delay", None)  # of the second limit
+    first = next(iter(screened.bounds(examination.response, examination.matrix, LIMITS)))
+    assert (first.key, first.slack) == (whole[0].key, whole[0].slack)

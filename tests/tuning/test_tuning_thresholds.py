@@ -432,7 +432,7 @@ def test_a_bound_is_searched_over_forty_doublings(doublings: int, found: bool) -
 
 def judged_at(goal: float, *bounds: Bound) -> criteria.Evaluation:
     """A stable loop with one tunable."""
-    return criteria.Evaluation(True, np.array([goal]), np.zeros((1, 1)), np.eye(1), bounds)
+    return criteria.Evaluation(True, np.array([goal]), np.zeros((1, 1)), np.eye(1), criteria.Bounds.of(bounds))
 
 
 def ended(cost: float) -> End:
@@ -739,7 +739,7 @@ def downhill(slope: float, curvature: float, far: float, size: float = 0.25) -> 
     def evaluation(x: np.ndarray) -> criteria.Evaluation:
         goal = -slope * x[0] + 0.5 * curvature * x[0] ** 2
         return criteria.Evaluation(
-            True, np.array([goal]), np.array([[-slope + curvature * x[0]]]), np.array([[curvature]]), ()
+            True, np.array([goal]), np.array([[-slope + curvature * x[0]]]), np.array([[curvature]]), criteria.Bounds()
         )
 
     search = Search(evaluation, np.zeros(1), np.full(1, far))  # type: ignore[arg-type]

@@ -21,6 +21,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.tuning import criteria, tune
 from feeddrive.tuning.candidates import candidates
+from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import modelled_point
 from feeddrive.tuning.screen import ScreenedPlants
@@ -419,3 +420,48 @@ def test_a_plant_that_nearly_uses_a_limit_is_examined_on_all_lines(motor: Loop) 
     # 1e-4: the few lines of this axis are near enough to its peak
     assert near.of(SENSITIVITY_PEAK.key) == pytest.approx(1.0 / 1.001, rel=1e-4)
     assert near.used >= near.of(SENSITIVITY_PEAK.key)
+
+
+def test_the_examination_of_a_control_is_made_once(motor: Loop) -> None:
+    """A tuning makes it, and a comparison of the tuned law asks for it: for the same numbers, plants and limits."""
+    plants, limits = [box_plants(Box(), motor, "model", 0.05)], Limits(sensitivity_peak=2.5)
+    made = worst_plants(motor.control, plants, limits)
+    equal = tree.vary(motor.control, {"law.Kv": float(motor.control.law.Kv)})  # type: ignore[attr-defined]
+    assert equal is not motor.control
+    assert worst_plants(equal, plants, limits)[0] is made[0]
+    other = tree.vary(motor.control, {"law.Kv": 0.9 * float(motor.control.law.Kv)})  # type: ignore[attr-defined]
+    for different in (
+        worst_plants(other, plants, limits),
+        worst_plants(motor.control, plants, Limits(sensitivity_peak=2.4)),
+        worst_plants(motor.control, [box_plants(Box(0.1), motor, "model", 0.05)], limits),
+        worst_plants(motor.control, plants, limits, inside=False),
+    ):
+        assert different[0] is not made[0]
+
+
+def test_columns_of_bounds_are_the_bounds(motor: Loop) -> None:
+    """In the order of their figures, those of two points after each other, with slacks and slopes by columns."""
+    names = ("law.Kv", "law.Kp")
+    points = (modelled_point(motor, "a"), modelled_point(motor, "b"))
+    limits = Limits(sensitivity_peak=1.5, phase_margin_deg=40.0, reading_noise=(1e-9, 1e-9), force_noise_N=1e-3)
+    response = ControlResponse(motor.control, points[0].sample_time, names, 0.05)
+    x = np.log([float(tree.get(motor.control, name)) for name in names])
+    found = criteria.Criteria(points, response, ROPE_SNAP, limits, (0.0, np.inf))(x)
+    bounds = list(found.bounds)
+    assert len(bounds) == len(found.bounds) > 50
+    assert [bound.key for bound in bounds] == found.bounds.keys
+    assert len(set(found.bounds.keys)) == len(bounds)
+    assert {bound.key[:2] for bound in bounds} == {(limit.figure.key, i) for limit in limits.limits for i in (0, 1)}
+    assert np.array_equal([bound.slack for bound in bounds], found.slacks(0.0))
+    assert np.array_equal([bound.slope for bound in bounds], found.slopes)
+    again = criteria.Bounds.of(bounds)
+    assert again.keys == found.bounds.keys
+    assert np.array_equal(again.slope(2), found.slopes)
+    # a slope is that of its slack
+    h = 1e-6
+    moved = criteria.Criteria(points, response, ROPE_SNAP, limits, (0.0, np.inf))(x + np.array([h, 0.0]))
+    sizes = dict(zip(moved.bounds.keys, moved.slacks(0.0).tolist(), strict=True))
+    for bound in bounds:
+        # 1e-3: minima between lines are corrected by a slack that has no slope of its own
+        if bound.key[0] != SENSITIVITY_PEAK.key:
+            assert (sizes[bound.key] - bound.slack) / h == pytest.approx(bound.slope[0], rel=1e-3, abs=1e-3)

@@ -294,9 +294,13 @@ class AtWork(Case[Competitor]):
         rule = self.plant.rule
         if rule.box is None:
             return None
+        places = self.plant.places
+        # named as by the tuning, which has computed these plants
         boxes = [
-            box_plants(rule.box, replace(loop, axis=place.model), place.name, rule.velocity)
-            for place in self.plant.places
+            box_plants(
+                rule.box, replace(loop, axis=place.model), place.name if len(places) > 1 else "model", rule.velocity
+            )
+            for place in places
         ]
         return over_box(loop.control, boxes, rule.limits(), shown=_OVER_BOX)[0]
 

@@ -61,11 +61,11 @@ class Limitable:
 
     option, meaning, entered  the command-line option, its help text, and the unit of its value
     places    function of (loop, limit, noise of both readings in m) that yields a `Place` for each frequency near the
-              limit
+              limit, or returns them as columns (`Places`)
     where     function that returns the critical frequency of a loop in Hz, if there is one
     usual     the default limit
     above, below  range of admissible limits; a limit is relaxed by scaling its distance from `origin`
-    order     sort key of the bounds in a search; bounds of the same order are sorted by frequency
+    order     sort key of the bounds in a search
     noise     True if the figure depends on the noise of the readings
     """
 

@@ -4,8 +4,11 @@ The slack of a limit is the distance to its violation, as a logarithm or a relat
 A limit is satisfied if its slack is >= 0.
 """
 
+from __future__ import annotations
+
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -167,6 +170,45 @@ class Place(NamedTuple):
     line: int
 
 
+@dataclass(frozen=True, eq=False)
+class Places:
+    """The places of one limit as columns: there are hundreds in a step of a search, and few are looked at one by one.
+
+    frequency, slack, deviation  shape (n,)
+    slope                        shape (n, tunables)
+    line                         shape (n,), whole numbers
+    """
+
+    frequency: np.ndarray
+    slack: np.ndarray
+    slope: np.ndarray
+    deviation: np.ndarray
+    line: np.ndarray
+
+    @classmethod
+    def of(cls, places: Iterable[Place]) -> Places:
+        """Return places as columns."""
+        if isinstance(places, Places):
+            return places
+        rows = list(places)
+        columns = zip(*rows, strict=True) if rows else ([],) * len(Place._fields)
+        frequency, slack, slope, deviation, line = map(np.array, columns)
+        return cls(frequency, slack, slope, deviation, line.astype(int))
+
+    def __iter__(self) -> Iterator[Place]:
+        columns = (
+            self.frequency.tolist(),
+            self.slack.tolist(),
+            self.slope,
+            self.deviation.tolist(),
+            self.line.tolist(),
+        )
+        return map(Place, *columns)
+
+    def __len__(self) -> int:
+        return self.slack.size
+
+
 # larger than the trust region of the search, 0.6 of a logarithm (tuning/search.py): a step hardly reaches further
 _NEAR = 0.65  # of a logarithm: bounds with more slack on a line are not stored (where L vanishes, Ms <= 2 has 0.69)
 _THINNED = 4  # of the lines near a limit of a thinned loop, one of so many is kept
@@ -241,8 +283,8 @@ def _mean_square(y: np.ndarray, dy: np.ndarray, weight: np.ndarray) -> Slope:
     return Slope(0.5 * float(np.log(total)), slope, curvature - np.outer(slope, slope))
 
 
-def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the frequency lines at which |S| is near the limit of Ms, the largest |S|."""
+def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Places:
+    """Return the frequency lines at which |S| is near the limit of Ms, the largest |S|."""
     f, L, dL = loop.frequency, loop.gain, loop.gain_slope
     spread = _spread(loop)
     away = np.abs(1.0 + L)
@@ -250,8 +292,7 @@ def sensitivity_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
     slack = _between_lines(np.log(f), 1.0 + L, np.log(away * limit))
     near = _near(slack, loop)
     slopes = (dL[near] / (1.0 + L[near])[:, None]).real
-    # all lines at once: there are hundreds of them
-    yield from map(Place, f[near].tolist(), slack[near].tolist(), slopes, (spread[near] / away[near]).tolist(), near)
+    return Places(f[near], slack[near], slopes, spread[near] / away[near], near)
 
 
 def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
@@ -264,7 +305,7 @@ def small_gain_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place
     with np.errstate(divide="ignore"):
         slack = np.log(np.abs((1.0 + L) / L) / (2.0 * np.sin(np.minimum(late, 0.5 * np.pi))))
     slack = _at_vertex(np.log(f), slack)
-    for k in _near(slack, loop):
+    for k in _near(slack, loop).tolist():
         slope = -(dL[k] / (L[k] * (1.0 + L[k]))).real
         deviation = float(spread[k] / np.abs(L[k] * (1.0 + L[k])))
         yield Place(float(f[k]), float(slack[k]), slope, deviation, k)
@@ -281,55 +322,63 @@ def places_below(loop: SlopedLoop, limit: float, weight: np.ndarray | float = 1.
     size = np.abs(loop.compliance)
     slack = _at_vertex(np.log(f), np.log(limit / (weight * size)))
     deviation = np.sqrt(0.5 * loop.compliance_variance) / size
-    for k in _near(slack, loop):
+    for k in _near(slack, loop).tolist():
         slope = -(loop.compliance_slope[k] / loop.compliance[k]).real
         yield Place(float(f[k]), float(slack[k]), slope, float(deviation[k]), k)
 
 
-class _Crossing(NamedTuple):
-    """A gain crossover, with the derivatives of its phase and frequency.
+class _Crossings(NamedTuple):
+    """The gain crossovers of a loop, with the derivatives of their phases and frequencies.
 
-    line        index of the frequency line below the crossover
-    margin      frequency and margins of the crossover
-    turned      derivatives of the phase at the crossover with respect to the tunables
-    along       derivatives of ln f of the crossover with respect to the tunables
+    lines       index of the frequency line below each crossover
+    margins     frequencies and margins of the crossovers
+    turned      derivatives of the phase at the crossovers with respect to the tunables, shape (crossovers, tunables)
+    along       derivatives of ln f of the crossovers with respect to the tunables, of the same shape
     """
 
-    line: int
-    margin: GainCrossover
+    lines: np.ndarray
+    margins: Sequence[GainCrossover]
     turned: np.ndarray
     along: np.ndarray
 
 
-def _gain_crossings(loop: SlopedLoop) -> Iterator[_Crossing]:
+def _gain_crossings(loop: SlopedLoop) -> _Crossings:
+    crossings = gain_crossings(loop.logarithms)
     x, level, _, turn = loop.logarithms
-    for k, part, margin in gain_crossings(loop.logarithms):
-        pushed = loop.gain_slope[k : k + 2] / loop.gain[k : k + 2, None]  # of ln L
-        width = x[k + 1] - x[k]
-        moved = (1.0 - part) * pushed[0] + part * pushed[1]
-        along = -moved.real / ((level[k + 1] - level[k]) / width)  # derivatives of ln f of the crossover
-        turned = moved.imag + (turn[k] / width) * along
-        yield _Crossing(k, margin, turned, along)
+    # all crossovers at once: a loop with a resonance has several, and each search looks at thousands of loops
+    k = np.array([line for line, _, _ in crossings], int)
+    part = np.array([part for _, part, _ in crossings])[:, None]
+    width = (x[k + 1] - x[k])[:, None]
+    before, after = (loop.gain_slope[line] / loop.gain[line, None] for line in (k, k + 1))  # of ln L
+    moved = (1.0 - part) * before + part * after
+    along = -moved.real / ((level[k + 1] - level[k])[:, None] / width)  # derivatives of ln f of the crossover
+    turned = moved.imag + (turn[k, None] / width) * along
+    return _Crossings(k, [margin for _, _, margin in crossings], turned, along)
 
 
-def phase_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the gain crossovers, with the distance of |phase margin| from a limit in deg as the slack."""
-    for k, margin, turned, _along in _gain_crossings(loop):
-        sign = 1.0 if margin.phase_margin_deg >= 0.0 else -1.0
-        slack = float(np.radians(abs(margin.phase_margin_deg) - limit))
-        # noise of the phase and of the crossover frequency
-        yield Place(margin.frequency, slack, sign * turned, _crossing_deviation(loop, k, 1.0, 0.0), k)
+def phase_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Places:
+    """Return the gain crossovers, with the distance of |phase margin| from a limit in deg as the slack."""
+    lines, margins, turned, _along = _gain_crossings(loop)
+    degrees = np.array([margin.phase_margin_deg for margin in margins])
+    # noise of the phase and of the crossover frequency
+    deviation = np.array([_crossing_deviation(loop, k, 1.0, 0.0) for k in lines.tolist()])
+    sign = np.where(degrees >= 0.0, 1.0, -1.0)
+    frequency = np.array([margin.frequency for margin in margins])
+    return Places(frequency, np.radians(np.abs(degrees) - limit), sign[:, None] * turned, deviation, lines)
 
 
-def delay_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Place]:
-    """Yield the gain crossovers, with the distance of the delay margin from a limit in samples as the slack."""
+def delay_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Places:
+    """Return the gain crossovers, with the distance of the delay margin from a limit in samples as the slack."""
     T = loop.sample_time
-    for k, margin, turned, along in _gain_crossings(loop):
-        f = margin.frequency
-        # the logarithm of the angle that a delay may use up: its derivative has a term of the phase and one of ln f
-        ahead = max(2.0 * np.pi * f * margin.delay_margin, _AHEAD)
-        slack = float(np.log(ahead / (2.0 * np.pi * f * T * limit)))
-        yield Place(f, slack, turned / ahead - along, _crossing_deviation(loop, k, 1.0 / ahead, 1.0), k)
+    lines, margins, turned, along = _gain_crossings(loop)
+    f = np.array([margin.frequency for margin in margins])
+    # the logarithm of the angle that a delay may use up: its derivative has a term of the phase and one of ln f
+    ahead = np.maximum(2.0 * np.pi * f * np.array([margin.delay_margin for margin in margins]), _AHEAD)
+    slack = np.log(ahead / (2.0 * np.pi * f * T * limit))
+    deviation = np.array(
+        [_crossing_deviation(loop, k, 1.0 / x, 1.0) for k, x in zip(lines.tolist(), ahead.tolist(), strict=True)]
+    )
+    return Places(f, slack, turned / ahead[:, None] - along, deviation, lines)
 
 
 def _crossing_deviation(loop: SlopedLoop, k: int, by_phase: float, by_frequency: float) -> float:
@@ -365,8 +414,8 @@ def gain_margin_places(loop: SlopedLoop, limit: float, _: Band) -> Iterator[Plac
         yield Place(crossing.frequency, slack, slope, deviation, k)
 
 
-def force_noise_places(loop: SlopedLoop, limit: float, noise: tuple[float, float]) -> Iterator[Place]:
-    """Yield a single place, for the limit of the RMS force noise σ_u.
+def force_noise_places(loop: SlopedLoop, limit: float, noise: tuple[float, float]) -> Places:
+    """Return a single place, for the limit of the RMS force noise σ_u.
 
         d σ_u = Σ w σ² Re[(C S)* d(C S)] / σ_u
 
@@ -381,7 +430,8 @@ def force_noise_places(loop: SlopedLoop, limit: float, noise: tuple[float, float
     for C, dC, sigma in loop.readings(noise):
         through, change = C * S, dC * S[:, None] + C[:, None] * dS
         slope = slope + np.einsum("l,lp->p", weight * sigma**2 * np.conj(through), change).real / value
-    yield Place(0.0, float(np.log(limit / value)), -slope / value, 0.0, 0)
+    zero = np.zeros(1)
+    return Places(zero, np.log([limit / value]), -slope[None] / value, zero, np.zeros(1, int))
 
 
 def force_noise_of(loop: SlopedLoop, noise: tuple[float, float]) -> float:
@@ -396,14 +446,14 @@ def _spread(loop: SlopedLoop) -> np.ndarray:
     return np.sqrt(0.5 * loop.gain_variance)
 
 
-def _near(slack: np.ndarray, loop: SlopedLoop) -> list[int]:
+def _near(slack: np.ndarray, loop: SlopedLoop) -> np.ndarray:
     """Return the indices of frequency lines at which a limit is violated or nearly so; without slopes, only the worst
     line.
     """
     near = np.flatnonzero(slack < _NEAR)
     if near.size and not loop.gain_slope.shape[1]:
         # nothing is searched: only the critical line is of interest
-        return [int(near[np.argmin(slack[near])])]
+        return near[[np.argmin(slack[near])]]
     if loop.thinned and near.size >= 3 * _THINNED:
         left = slack[near]
         low = np.flatnonzero((left[1:-1] <= left[:-2]) & (left[1:-1] <= left[2:])) + 1
@@ -412,7 +462,7 @@ def _near(slack: np.ndarray, loop: SlopedLoop) -> list[int]:
         for beside in (-1, 0, 1):
             kept[low + beside] = True
         near = near[kept]
-    return near.tolist()
+    return near
 
 
 def _between_lines(x: np.ndarray, w: np.ndarray, slack: np.ndarray) -> np.ndarray:

@@ -101,11 +101,14 @@ class Declaration:
 
 def check_bounds(where: str, declaration: Declaration, number: float) -> None:
     """Raise ParameterError for a number that is outside its bounds or, unless declared otherwise, not finite."""
-    shown = f"{where} = {Quantity(number, declaration.unit):6 SI}"
     if math.isnan(number) or (math.isinf(number) and not declaration.infinite):
-        raise ParameterError(f"{shown} ({declaration.meaning}) must be a finite number")
-    if not declaration.admits(number):
-        raise ParameterError(f"{shown} ({declaration.meaning}) must be {declaration.bounds()}")
+        reason = "must be a finite number"
+    elif not declaration.admits(number):
+        reason = f"must be {declaration.bounds()}"
+    else:
+        return
+    # only now: to write a number in words takes ten times as long as the check, and every constructor checks
+    raise ParameterError(f"{where} = {Quantity(number, declaration.unit):6 SI} ({declaration.meaning}) {reason}")
 
 
 def check_choice(where: str, declaration: Declaration, value: Any) -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 
@@ -128,6 +129,10 @@ def resolved(A: np.ndarray, B: np.ndarray, C: np.ndarray, z: np.ndarray) -> tupl
     return inverse.after(B), inverse.before(C)
 
 
+def _unsorted(_: complex) -> None:
+    """Leave the eigenvalues of a Schur form in the order in which they were found."""
+
+
 class Resolvent:
     """The resolvent (z - A)⁻¹ at many points z.
 
@@ -137,13 +142,23 @@ class Resolvent:
 
     def __init__(self, A: np.ndarray, z: np.ndarray) -> None:
         # imported here: commands that only read files do not load scipy
-        from scipy.linalg import matrix_balance, schur
+        from scipy.linalg import lapack
 
         self.z, self.scale = z, np.zeros(0)
         if A.size:
-            # balanced as in `transfer`: rounding of forces in N would swallow positions in m
-            balanced, (self.scale, _) = matrix_balance(A, permute=False, separate=True)
-            self.form, self.vectors = schur(balanced, output="complex")[:2]
+            # balanced as in `transfer`: rounding of forces in N would swallow positions in m; without the wrappers of
+            # scipy, which cost more than the factors of a matrix of ten states
+            functions: Any = lapack  # made when scipy is built, so that no types are known
+            balanced, _, _, self.scale, _ = functions.dgebal(A, scale=1, permute=0)
+            self.form, _, _, self.vectors, _, failed = functions.zgees(_unsorted, balanced.astype(complex))
+            if failed:
+                raise np.linalg.LinAlgError("the Schur form of the control was not found")
+
+    def at(self, z: np.ndarray) -> Self:
+        """Return the resolvent of the same matrix at other points."""
+        other = copy(self)
+        other.z = z
+        return other
 
     def after(self, B: np.ndarray) -> np.ndarray:
         """Return (z - A)⁻¹ B of shape (points, n, columns), for one B for all points or one B per point."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -74,7 +74,8 @@ _SLOW = 30.0
 class Answer:
     """The closed-loop responses at the frequency lines of an operating point.
 
-    Derivatives have shape (lines, tunables), variances (lines,).
+    Derivatives have shape (lines, tunables), variances (lines,).  The compliance is computed when it is first needed:
+    at a plant of a box only limits apply, and most of them are limits of the loop gain.
 
     below   the compliance below the first line, where the axis is a free mass; None if not needed
     """
@@ -84,10 +85,33 @@ class Answer:
     gain: np.ndarray
     gain_slope: np.ndarray
     gain_variance: np.ndarray
-    compliance: np.ndarray
-    compliance_slope: np.ndarray
-    compliance_variance: np.ndarray
     below: Recovery | None = None
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """The compliance, m/N."""
+        return self._table[0]
+
+    @property
+    def compliance_slope(self) -> np.ndarray:
+        """The derivatives of the compliance."""
+        return self._table[1]
+
+    @property
+    def compliance_variance(self) -> np.ndarray:
+        """The variance of the compliance."""
+        return self._table[2]
+
+    @cached_property
+    def _table(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The compliance, its derivatives and its variance, with the symbols of `answer`."""
+        C, dC = self.response.value, self.response.slope
+        xd, (yu, yd) = self.point.by_load, self.point.moved
+        back, dback = np.einsum("kl,kl->l", C, xd), np.einsum("klp,kl->lp", dC, xd)
+        S = 1.0 / (1.0 + self.gain)
+        y = yd + yu * back * S
+        dy = (yu * S)[:, None] * (dback - (back * S)[:, None] * self.gain_slope)
+        return y, dy, _of_compliance(self.point, C, back, S)
 
     @property
     def frequency(self) -> np.ndarray:
@@ -135,18 +159,11 @@ def answer(point: OperatingPoint, response: Response, below: Recovery | None = N
     The loop gain is L = -C·X_u, the compliance y = y_d + y_u (C·X_d)/(1 + L). C is the controller; X and y are the
     responses of the two readings and of the table to the command (u) and to a force on the table (d).
     """
-    C, dC = response.value, response.slope
-    xu, xd = point.by_force, point.by_load
-    yu, yd = point.moved
+    C, dC, xu = response.value, response.slope, point.by_force
     L = -np.einsum("kl,kl->l", C, xu)
     dL = -np.einsum("klp,kl->lp", dC, xu)
-    back, dback = np.einsum("kl,kl->l", C, xd), np.einsum("klp,kl->lp", dC, xd)
-    S = 1.0 / (1.0 + L)
-    y = yd + yu * back * S
-    dy = (yu * S)[:, None] * (dback - (back * S)[:, None] * dL)
-    zero = np.zeros(point.frequency.size)
-    gain_variance = zero if point.variance is None else through(point, 0, C)
-    return Answer(point, response, L, dL, gain_variance, y, dy, _of_compliance(point, C, back, S), below)
+    gain_variance = np.zeros(point.frequency.size) if point.variance is None else through(point, 0, C)
+    return Answer(point, response, L, dL, gain_variance, below)
 
 
 def through(point: OperatingPoint, source: int, factors: np.ndarray) -> np.ndarray:
@@ -281,14 +298,24 @@ def with_effect(samples: np.ndarray) -> np.ndarray:
     """Return the controller matrices without the states that do not affect the force, which is the last row."""
     n = samples.shape[1] - 1
     through = np.any(samples[:, :, :n] != 0.0, axis=0)
-    reached = through[n]
-    while True:
-        more = reached | np.any(through[:n][reached], axis=0)
-        if np.array_equal(more, reached):
-            break
-        reached = more
+    reached = np.frombuffer(_reached(n, through.tobytes()), bool)
+    if np.all(reached):
+        return samples
     rows, columns = np.append(reached, True), np.append(reached, np.ones(samples.shape[2] - n, bool))
     return samples[:, rows][:, :, columns]
+
+
+@lru_cache(512)
+def _reached(n: int, through: bytes) -> bytes:
+    """Return which of n states affect the force, as bools; `through`: the entries of [A; c] that are not 0."""
+    # a search asks for thousands of controllers of one structure
+    links = np.frombuffer(through, bool).reshape(n + 1, n)
+    reached = links[n]
+    while True:
+        more = reached | np.any(links[:n][reached], axis=0)
+        if np.array_equal(more, reached):
+            return reached.tobytes()
+        reached = more
 
 
 def encircles(answer: Answer) -> bool:

@@ -257,6 +257,7 @@ class ControlResponse:
         self._live = needed(self._traced)
         self._last: tuple[tuple[bytes, bool], tuple[np.ndarray, np.ndarray]] | None = None
         self._states: dict[str, np.ndarray] | None = None
+        self._resolved: tuple[np.ndarray, Resolvent] | None = None
         # only roots, logarithms and selections store their lines: without them every slope is finite
         self._has_slopes = not self._traced.graph.lines
 
@@ -405,14 +406,23 @@ class ControlResponse:
         """
         if self.period > 1:
             return self._over_a_period(values, frequency, images, near, slopes, alike)
-        return _response(*self.model(values), np.exp(2j * np.pi * frequency * self.T))
+        matrix, changes = self.model(values)
+        _require_finite(matrix, changes)
+        n = len(matrix) - 1
+        return _response(matrix, changes, Resolvent(matrix[:n, :n], np.exp(2j * np.pi * frequency * self.T)))
 
     def of_model(self, matrix: np.ndarray, frequency: np.ndarray) -> Response:
         """Return the response of a linear model from `models` on lines in Hz, without derivatives.
 
         Raises ParameterError like `at`.
         """
-        return _response(matrix, np.zeros((*matrix.shape, 0)), np.exp(2j * np.pi * frequency * self.T))
+        z = np.exp(2j * np.pi * frequency * self.T)
+        # a look asks first for the lines of the model and then for those of the plants of a box
+        if self._resolved is None or self._resolved[0] is not matrix:
+            _require_finite(matrix)
+            n = len(matrix) - 1
+            self._resolved = matrix, Resolvent(matrix[:n, :n], z)
+        return _response(matrix, np.zeros((*matrix.shape, 0)), self._resolved[1].at(z))
 
     def _over_a_period(
         self,
@@ -426,8 +436,7 @@ class ControlResponse:
         """Compute the result of `at` for a multirate law."""
         samples, slopes = self._kept_samples(values, with_slopes)
         N, most = self.period, _NEAR if near else self.period
-        if not (np.all(np.isfinite(samples)) and np.all(np.isfinite(slopes))):
-            raise ParameterError("the linear model of the control holds numbers that are not finite")
+        _require_finite(samples, slopes)
         closed = [] if images is None else [k for k in range(1, N) if k <= most or k >= N - most]
         axis = np.zeros((2, frequency.size, 0)) if images is None else images[:, :, np.array(closed, int) - 1]
         if alike:
@@ -457,14 +466,19 @@ def _as_one(samples: np.ndarray) -> np.ndarray:
     return np.concatenate([samples[:, :, :n], samples[:, :, n:].sum(axis=2, keepdims=True)], axis=2)
 
 
-def _response(matrix: np.ndarray, slopes: np.ndarray, z: np.ndarray) -> Response:
-    """Return the response of a linear controller model [A B; c d] at points z of the unit circle, with derivatives."""
-    if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(slopes))):
+def _require_finite(*parts: np.ndarray) -> None:
+    if not all(np.all(np.isfinite(part)) for part in parts):
         raise ParameterError("the linear model of the control holds numbers that are not finite")
+
+
+def _response(matrix: np.ndarray, slopes: np.ndarray, inverse: Resolvent) -> Response:
+    """Return the response of a linear controller model [A B; c d] at points of the unit circle, with derivatives.
+
+    inverse  (z - A)⁻¹ at these points
+    """
     n = matrix.shape[0] - 1
-    A, B, c, d = matrix[:n, :n], matrix[:n, n:], matrix[n, :n], matrix[n, n:]
-    count, tunables = z.size, slopes.shape[2]
-    inverse = Resolvent(A, z)
+    B, c, d = matrix[:n, n:], matrix[n, :n], matrix[n, n:]
+    count, tunables = inverse.z.size, slopes.shape[2]
     left = inverse.left(c[None])  # (n, 1, lines)
     value = B.T @ left[:, 0] + d[:, None]
     slope = np.zeros((2, count, tunables), complex)

@@ -12,7 +12,7 @@ import numpy as np
 from feeddrive.blocks.filter.notch import Notch
 from feeddrive.figures.catalogue import limitable
 from feeddrive.figures.figure import Figure, Limit
-from feeddrive.figures.slopes import JudgedLoop, Slope, SlopedLoop, rope_snap_slope
+from feeddrive.figures.slopes import JudgedLoop, Place, Places, Slope, SlopedLoop, rope_snap_slope
 from feeddrive.language.errors import FeeddriveError, NotIdentifiableError, ParameterError, nearest
 from feeddrive.language.quantity import Quantity, number, span
 from feeddrive.language.text import Text, joined
@@ -180,20 +180,69 @@ class Bound(NamedTuple):
         return NOTCH if self.figure is None else self.figure.title
 
 
-def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> list[Bound]:
+class Bounds:
+    """The bounds of an evaluation, in groups of one figure at one point.
+
+    Each `Bound` is made when it is asked for: a step of a search needs hundreds of them as columns, and a few one by
+    one.
+    """
+
+    def __init__(self, groups: Sequence[tuple[Figure | None, str, int, Places]] = ()) -> None:
+        self.groups = tuple(groups)
+
+    @classmethod
+    def of(cls, bounds: Iterable[Bound]) -> Bounds:
+        """Return bounds in groups of one each."""
+        return cls([(b.figure, b.key[0], b.key[1], Places.of([Place(*b[2:6], b.key[2])])) for b in bounds])
+
+    def __add__(self, other: Bounds) -> Bounds:
+        return Bounds((*self.groups, *other.groups))
+
+    def __len__(self) -> int:
+        return sum(len(places) for *_, places in self.groups)
+
+    def __iter__(self) -> Iterator[Bound]:
+        for figure, kind, point, places in self.groups:
+            for frequency, slack, slope, deviation, line in places:
+                yield Bound(figure, point, frequency, slack, slope, deviation, (kind, point, line))
+
+    @cached_property
+    def slack(self) -> np.ndarray:
+        """The slack of each bound."""
+        return np.concatenate([places.slack for *_, places in self.groups]) if self.groups else np.zeros(0)
+
+    @cached_property
+    def deviation(self) -> np.ndarray:
+        """The standard deviation of the slack of each bound."""
+        return np.concatenate([places.deviation for *_, places in self.groups]) if self.groups else np.zeros(0)
+
+    def slope(self, tunables: int) -> np.ndarray:
+        """Return the derivatives of the slack of each bound, shape (bounds, tunables)."""
+        some = [places.slope for *_, places in self.groups if len(places)]
+        return np.concatenate(some) if some else np.zeros((0, tunables))
+
+    @cached_property
+    def keys(self) -> list[tuple[str, int, int]]:
+        """The key of each bound."""
+        return [(kind, point, line) for _, kind, point, places in self.groups for line in places.line.tolist()]
+
+
+def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> Bounds:
     """Return the bounds of point `i` that are violated or close to violation.
 
     For a loop without derivatives, a limit that applies to every line yields only its most critical line.
     """
-    bounds: list[tuple[tuple[int, int], Bound]] = []
-    for figure, bound in ((limit.figure, limit.bound) for limit in limits.limits):
-        assert figure.limit is not None
-        for place in figure.limit.places(loop, bound, limits.reading_noise):
-            frequency, slack, slope, deviation, line = place
-            key = (figure.key, i, line)
-            order = (figure.limit.order, line)
-            bounds.append((order, Bound(figure, i, frequency, slack, slope, deviation, key)))
-    return [bound for _, bound in sorted(bounds, key=lambda pair: pair[0])]
+    noise = limits.reading_noise
+    return Bounds(
+        [
+            (limit.figure, limit.figure.key, i, Places.of(limit.declared.places(loop, limit.bound, noise)))
+            for limit in sorted(limits.limits, key=_order)
+        ]
+    )
+
+
+def _order(limit: Limit) -> int:
+    return limit.declared.order
 
 
 def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarray) -> list[Bound]:
@@ -237,12 +286,11 @@ class Evaluation:
     goal: np.ndarray  # (points with a goal,)
     slope: np.ndarray  # (points with a goal, tunables)
     curvature: np.ndarray  # (tunables, tunables)
-    bounds: tuple[Bound, ...]
+    bounds: Bounds
 
     def slacks(self, sure: float) -> np.ndarray:
         """Return what the slack of each bound has beyond `sure` standard deviations."""
-        slack, deviation = self._sizes
-        return slack - sure * deviation
+        return self.bounds.slack - sure * self.bounds.deviation
 
     @property
     def slopes(self) -> np.ndarray:
@@ -250,19 +298,18 @@ class Evaluation:
         return self._slopes
 
     @cached_property
-    def _sizes(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.array([b.slack for b in self.bounds]), np.array([b.deviation for b in self.bounds])
-
-    @cached_property
     def _slopes(self) -> np.ndarray:
-        return np.array([bound.slope for bound in self.bounds]).reshape(len(self.bounds), self.slope.shape[1])
+        return self.bounds.slope(self.slope.shape[1])
 
 
 class Screened(Protocol):
     """Plants of a box whose limits are computed together, without derivatives."""
 
-    def bounds(self, control: ControlResponse, matrix: np.ndarray, limits: Limits) -> list[Bound]:
-        """Return for each limit the bound of the plant that uses it most; `matrix`: [A B; c d] of the control."""
+    def bounds(self, control: ControlResponse, matrix: np.ndarray, limits: Limits) -> Iterable[Bound]:
+        """Yield for each limit the bound of the plant that uses it most; `matrix`: [A B; c d] of the control.
+
+        Each is computed when it is asked for: the first one may show that the control is not worth the others.
+        """
         ...
 
     def unstable(self, matrix: np.ndarray) -> bool:
@@ -350,12 +397,16 @@ class Criteria:
 
     def _answers(self, whole: Response, values: np.ndarray) -> list[Answer]:
         """Return the closed loops of a single-rate controller from its response on the lines of all points."""
-        parts = [
-            whole._replace(value=whole.value[:, place], slope=whole.slope[:, place] * values) for place in self._places
-        ]
+        slope = whole.slope * values
+
+        def part(place: np.ndarray) -> Response:
+            return whole._replace(value=whole.value[:, place], slope=slope[:, place])
+
         return [
-            answer(point, fast, None if below is None else below.recovery(slow))
-            for point, below, slow, fast in zip(self.points, self._below, parts[::2], parts[1::2], strict=True)
+            answer(point, part(fast), None if below is None else below.recovery(part(slow)))
+            for point, below, slow, fast in zip(
+                self.points, self._below, self._places[::2], self._places[1::2], strict=True
+            )
         ]
 
     def looked(
@@ -429,18 +480,17 @@ class Criteria:
                     return found
                 if unstable(loop):
                     return None
-                found = replace(found, bounds=(*found.bounds, *bounds_of(0, loop, self.limits)))
+                found = replace(found, bounds=found.bounds + bounds_of(0, loop, self.limits))
         assert found is not None
-        if matrix is None:
+        if matrix is None or not (self.screened and promising(found)):
             return found
         for plants in self.screened:
-            if not promising(found):
-                return found
-            found = replace(found, bounds=(*found.bounds, *plants.bounds(self.control, matrix, self.limits)))
+            for bound in plants.bounds(self.control, matrix, self.limits):
+                found = replace(found, bounds=found.bounds + Bounds.of([bound]))
+                if not promising(found):
+                    return found
         # poles last: they cost more than the lines, and most sets are no longer promising
-        if promising(found) and any(plants.unstable(matrix) for plants in self.screened):
-            return None
-        return found
+        return None if any(plants.unstable(matrix) for plants in self.screened) else found
 
     def __call__(self, x: np.ndarray) -> Evaluation:
         """Return the evaluation for logarithms x of the tunables; results are cached."""
@@ -467,16 +517,14 @@ class Criteria:
             np.array([value for value, _, _ in goals]),
             np.array([slope for _, slope, _ in goals]),
             goals[worst][2],
-            (),
+            Bounds(),
         )
 
     def _with_bounds(self, evaluation: Evaluation, x: np.ndarray, answers: list[Answer]) -> Evaluation:
         """Return an evaluation of the goal with the bounds of the closed loops."""
-        bounds: list[Bound] = []
-        for i, loop in enumerate(answers):
-            bounds += bounds_of(i, loop, self.limits)
-        bounds += notches_stay_notches(self.control.control, self.control.tunables, x)
-        return replace(evaluation, bounds=tuple(bounds))
+        groups = [group for i, loop in enumerate(answers) for group in bounds_of(i, loop, self.limits).groups]
+        notches = notches_stay_notches(self.control.control, self.control.tunables, x)
+        return replace(evaluation, bounds=Bounds(groups) + Bounds.of(notches))
 
     def _goal(self, loop: Answer) -> Slope:
         """Return the logarithm of the quantity to minimize, its derivatives, and the Gauss-Newton part of its Hessian.
@@ -513,7 +561,7 @@ _BEFORE = 2.0  # multiple of the first line: lower limit of the lowest crossover
 _GAP = 1.6  # ratio of two neighboring lines around a crossover
 
 
-def distances(bounds: Sequence[Bound]) -> np.ndarray:
+def distances(bounds: Iterable[Bound]) -> np.ndarray:
     """Return the slack of each independent bound in standard deviations, smallest first.
 
     Bounds at neighboring frequencies of a point are not independent; only the most critical one counts.
@@ -529,7 +577,7 @@ def distances(bounds: Sequence[Bound]) -> np.ndarray:
     return np.array([b.slack / b.deviation for b in kept])
 
 
-def chance(bounds: Sequence[Bound]) -> float:
+def chance(bounds: Iterable[Bound]) -> float:
     """Return the probability that all bounds are satisfied, Π Φ(slack/σ), for independent normal noise."""
     return _all_below(distances(bounds))
 
@@ -542,7 +590,7 @@ def _all_below(deviations: np.ndarray) -> float:
     return float(np.prod(ndtr(deviations)))
 
 
-def needed(bounds: Sequence[Bound], sure: float, confidence: float) -> float:
+def needed(bounds: Iterable[Bound], sure: float, confidence: float) -> float:
     """Return the margin, in standard deviations, with which all bounds are satisfied at the given confidence.
 
     `sure` is the margin of the search that gave these bounds.

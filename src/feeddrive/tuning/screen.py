@@ -5,12 +5,13 @@ computes Ms, delay margin and force noise of hundreds of plants at once, on fewe
 find those that are then examined one by one.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from typing import NamedTuple, Self
 
 import numpy as np
 
+from feeddrive.figures.figure import Limit
 from feeddrive.figures.of_loops import DELAY_MARGIN, FORCE_NOISE, SENSITIVITY_PEAK
 from feeddrive.figures.slopes import lower_between
 from feeddrive.loop.box import Corner
@@ -121,9 +122,17 @@ class Screen:
     def used(self, plants: Plants, control: ControlResponse, matrix: np.ndarray, limits: Limits) -> Used:
         """Return the utilization of each limit by a single-rate control at plants where its loop is stable.
 
-            |S|/Ms,    ω T n/angle that a delay may use up at a crossover,    force noise/its bound
-
         matrix  [A B; c d] of the control
+        """
+        found = {limit.figure.key: both for limit, both in self.each_used(plants, control, matrix, limits)}
+        return Used({key: used for key, (used, _) in found.items()}, {key: where for key, (_, where) in found.items()})
+
+    def each_used(
+        self, plants: Plants, control: ControlResponse, matrix: np.ndarray, limits: Limits
+    ) -> Iterator[tuple[Limit, tuple[np.ndarray, np.ndarray]]]:
+        """Yield each limit with its utilization at plants where the loop is stable, and the frequency in Hz.
+
+        |S|/Ms,    ω T n/angle that a delay may use up at a crossover,    force noise/its bound
         """
         count = len(plants.corners)
         lines = np.concatenate([plants.shared, plants.own.ravel()])
@@ -136,28 +145,25 @@ class Screen:
         C = np.take_along_axis(both, plants.order[None], axis=2)
         f = plants.frequency
         L = -(C[0] * plants.response[:, 0] + C[1] * plants.response[:, 1])
-        away = np.abs(1.0 + L)
-        used, where = dict[str, np.ndarray](), dict[str, np.ndarray]()
         every = np.arange(count)
         for limit in limits.limits:
             key, bound = limit.figure.key, limit.bound
             if key == SENSITIVITY_PEAK.key:
                 least = _least_between(f, 1.0 + L, 1.0 / (_MARGIN * bound))
                 at = np.argmin(least, axis=1)
-                used[key], where[key] = 1.0 / (bound * least[every, at]), f[every, at]
+                yield limit, (1.0 / (bound * least[every, at]), f[every, at])
             elif key == DELAY_MARGIN.key:
-                used[key], where[key] = self._delay(f, L, bound)
+                yield limit, self._delay(f, L, bound)
             elif key == FORCE_NOISE.key:
                 motor, load = limits.reading_noise
                 if self.sampled.one_encoder:
                     power = max(motor, load) ** 2 * np.abs(C[0] + C[1]) ** 2
                 else:
                     power = motor**2 * np.abs(C[0]) ** 2 + load**2 * np.abs(C[1]) ** 2
-                power = power / away**2
+                power = power / np.abs(1.0 + L) ** 2
                 summed = np.sum(0.5 * (power[:, 1:] + power[:, :-1]) * np.diff(f, axis=1), axis=1)
-                used[key] = np.sqrt(2.0 * self.T * (summed + power[:, 0] * f[:, 0])) / bound
-                where[key] = f[every, np.argmax(power, axis=1)]
-        return Used(used, where)
+                noise = np.sqrt(2.0 * self.T * (summed + power[:, 0] * f[:, 0]))
+                yield limit, (noise / bound, f[every, np.argmax(power, axis=1)])
 
     def _delay(self, f: np.ndarray, L: np.ndarray, bound: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the utilization of a delay margin in samples, and the frequency of the crossover."""
@@ -196,16 +202,13 @@ class ScreenedPlants:
         self._screen = screen.sparse()
         self._plants = self._screen.plants(corners)
 
-    def bounds(self, control: ControlResponse, matrix: np.ndarray, limits: Limits) -> list[Bound]:
-        """Return for each limit the bound of the plant that uses it most; `matrix`: [A B; c d] of the control."""
-        used, where = self._screen.used(self._plants, control, matrix, limits)
-        bounds: list[Bound] = []
-        for limit in limits.limits:
-            key = limit.figure.key
-            worst = int(np.argmax(used[key]))
-            slack = -float(np.log(max(used[key][worst], np.finfo(float).tiny)))
-            bounds.append(Bound(limit.figure, 0, float(where[key][worst]), slack, np.zeros(0), 0.0, (key, 0, worst)))
-        return bounds
+    def bounds(self, control: ControlResponse, matrix: np.ndarray, limits: Limits) -> Iterator[Bound]:
+        """Yield for each limit the bound of the plant that uses it most; `matrix`: [A B; c d] of the control."""
+        for limit, (used, where) in self._screen.each_used(self._plants, control, matrix, limits):
+            worst = int(np.argmax(used))
+            slack = -float(np.log(max(used[worst], np.finfo(float).tiny)))
+            key = limit.figure.key, 0, worst
+            yield Bound(limit.figure, 0, float(where[worst]), slack, np.zeros(0), 0.0, key)
 
     def unstable(self, matrix: np.ndarray) -> bool:
         """Return True if the loop is unstable at any of the plants."""

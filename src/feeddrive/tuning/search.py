@@ -242,8 +242,9 @@ class Search:
 
     def _curved(self, here: Evaluation, there: Evaluation, move: np.ndarray) -> dict[tuple[str, int, int], float]:
         """Return, by bound, how far the linear prediction of the slack after a move exceeds the actual slack."""
-        after = {bound.key: bound.slack for bound in there.bounds}
-        return {c.key: c.slack + float(c.slope @ move) - after[c.key] for c in here.bounds if c.key in after}
+        after = dict(zip(there.bounds.keys, there.bounds.slack.tolist(), strict=True))
+        columns = zip(here.bounds.keys, here.bounds.slack.tolist(), here.slopes, strict=True)
+        return {key: slack + float(slope @ move) - after[key] for key, slack, slope in columns if key in after}
 
     def _step(
         self,
@@ -275,7 +276,7 @@ class Search:
         of_bounds = slice(points, points + many)
         A[of_bounds, :n], A[of_bounds, n + 1], b[of_bounds] = slopes, 1.0, _ROOM - slacks
         if lost:
-            b[of_bounds] += [lost.get(bound.key, 0.0) for bound in bounds]
+            b[of_bounds] += [lost.get(key, 0.0) for key in bounds.keys]
         A[points + many, n + 1] = 1.0
         low, high = np.maximum(-size, self.low - x), np.minimum(size, self.high - x)
         A[points + many + 1 : points + many + 1 + n, :n], b[points + many + 1 : points + many + 1 + n] = np.eye(n), low
@@ -290,7 +291,7 @@ class Search:
         left = float(np.max(_ROOM - slacks - slopes @ move)) if many else 0.0
         promised = float(self.merit(here) - after - self.penalty * max(left, 0.0) - 0.5 * move @ curvature @ move)
         forced = multipliers[of_bounds]
-        force = {bounds[i].key: float(forced[i]) for i in np.flatnonzero(forced > 1e-6)}
+        force = {bounds.keys[i]: float(forced[i]) for i in np.flatnonzero(forced > 1e-6)}
         return move, force, promised
 
     def _bent(
@@ -304,7 +305,10 @@ class Search:
         """Return the damped BFGS update of the Lagrangian's Hessian (Powell 1978)."""
         worst = int(np.argmax(there.goal))
         change = there.slope[worst] - here.slope[worst]
-        before, after = ({c.key: c.slope for c in point.bounds if c.key in force} for point in (here, there))
+        before, after = (
+            {key: slope for key, slope in zip(point.bounds.keys, point.slopes, strict=True) if key in force}
+            for point in (here, there)
+        )
         for key, weight in force.items():
             if key in before and key in after:
                 change = change - weight * (after[key] - before[key])

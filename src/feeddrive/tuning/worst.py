@@ -17,6 +17,7 @@ import numpy as np
 
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import FORCE_NOISE, ROPE_SNAP
+from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.recent import Recent
@@ -47,6 +48,7 @@ _CLOSE, _CHECKED = (
 )  # utilization by a screen from which plants are examined, and of each limit at least how many
 _UNSHARP, _SHARPENED = 3e-3, 4  # of a limit: error of few lines; plants of each limit that are examined on all lines
 _ALIKE = 0.05  # of half of a dimension: plants nearer to each other than this are examined once
+_LAWS = 32  # examinations that are kept: more than the laws of a comparison
 UNDECIDED = 2e-3  # of a limit: a violation that the lines of the examination cannot tell from none
 
 
@@ -456,9 +458,19 @@ def worst_plants(
     inside  False to examine the corners alone, which costs less
     """
     first = boxes[0]
-    examination = Examination(control, float(first.loop.sample_time), limits, first.velocity)
-    examined = examination.searched if inside else examination.corners
-    return examination, examination.sharpened([plant for plants in boxes for plant in examined(plants)])
+
+    def examined() -> tuple[Examination, list[Examined]]:
+        examination = Examination(control, float(first.loop.sample_time), limits, first.velocity)
+        found = examination.searched if inside else examination.corners
+        return examination, examination.sharpened([plant for plants in boxes for plant in found(plants)])
+
+    # a comparison asks for the control that its tuning has just examined
+    numbers = tuple(value for _, value in tree.leaves(control))
+    tables = tuple(row.tobytes() for _, row in tree.tables(control))
+    return _LATEST.get((tree.structure(control), numbers, tables, limits, tuple(boxes), inside), examined)
+
+
+_LATEST = Recent[tuple[Examination, list[Examined]]](_LAWS)
 
 
 def over_box(
