@@ -405,6 +405,7 @@ class ExactStop(Stop):
     """A stop at the end of one block (G9), or until the control has read on (STOPRE)."""
 
 
+@dataclass(frozen=True, slots=True)
 class Begin:
     """The place where the machine stands before the first move, if not at its zero.
 
