@@ -30,7 +30,7 @@ from feeddrive.path.schedule.ramp import Slopes
 from feeddrive.path.schedule.spline import Basis, Points, Rates, Reached, Room, State
 
 # less reserve fails more proofs and costs more rounds, more reserve costs time of the motion
-SHARES = (1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at the points: the rest is for the motion between them
+SHARES = (1.0 - 1e-4, 0.995, 0.99, 0.98)  # of the limits, at the points: the rest is for the motion between them
 _FINE = 7.0  # number of spans in the duration of half a ramp
 _HALF = 4  # number of time intervals in half a ramp: all those of the shortest one
 # some time intervals exist only due to rounding: their length must not set that of the spans
@@ -204,8 +204,14 @@ class _Path:
         padded = np.concatenate([np.full(wide - 1, np.inf), sums, np.full(wide - 1, np.inf)])
         step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (1.0 / _FINE)
         step[:spans] = motion.duration[:spans]
-        step = np.maximum(step, _FINEST * np.mean(motion.duration))
+        shortest = _FINEST * float(np.mean(motion.duration))
+        step = np.maximum(step, shortest)
+        shortest = 1e-9
         edge = np.concatenate([step[:1], np.minimum(step[1:], step[:-1]), step[-1:]])
+        # the states at the ends fix three coefficients, so that a span must not be longer than the phase it lies in
+        if not spans:
+            edge[0] = min(edge[0], max(float(motion.duration[0]), shortest))
+        edge[-1] = min(edge[-1], max(float(motion.duration[-1]), shortest))
         speed, acceleration = np.append(motion.speed, end.speed), np.append(motion.acceleration, end.acceleration)
         edge = np.minimum(edge, _TURNS * speed / np.maximum(np.abs(acceleration), 1e-300))
         spline.graded(motion.duration, edge)
