@@ -38,6 +38,7 @@ _FINEST = 0.02  # of the mean duration of time intervals
 _TURNS = 0.15  # largest duration of a span relative to u'/|u''|
 # from rest z = u'² grows as u^1.5, which no cubic spline follows
 _NEAR_REST = 0.8  # of the first phase from rest, and of the last one to rest, remains unchanged
+_AT_REST = 0.003  # of half a ramp from rest remains unchanged at least, as the first phase may hardly move
 _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
 _STEPS = 40
@@ -86,12 +87,12 @@ class Lifter:
             # an estimate, not a bound: lifting 1,908 ramps gained at most 0.69 of it
             if path.gain(motion, first, last) < _LITTLE * _around_time(motion, first, last):
                 continue
-            lifted = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
+            lifted, kept = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
             if lifted is not None:
                 motions += [_some(motion, come, first), lifted]
                 come = last
                 if last == n and not ends:
-                    self._spans = len(lifted.duration) - begins  # it goes on
+                    self._spans = len(lifted.duration) - kept  # it goes on
             else:
                 waiting += _halves(motion, first, last)
         motions.append(_some(motion, come, n))
@@ -121,24 +122,28 @@ class _Path:
         room = rows_for(Derivatives, len(self._limits))
         return spline.ramp_gain(self._pieces, self._limits, motion, first, last, room)
 
-    def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> Motion | None:
+    def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> tuple[Motion | None, int]:
         """Return a faster, proven motion between the same states, or None; it may begin or end at rest.
 
-        The first `spans` time intervals are already spans of an earlier spline.
+        The first `spans` time intervals are already spans of an earlier spline.  The second result is the number of
+        time intervals at the start that remain unchanged.
         """
         if len(motion.duration) <= _HUMP and np.all(self._pieces.kind[motion.piece[0] : motion.piece[-1] + 1] == LINE):
-            return None  # on a line it is already time-optimal
+            return None, 0  # on a line it is already time-optimal
         lengths = self._pieces.length
+        first, last = 0, len(motion.duration)
         if begins:
-            motion = _divided(motion, 0, _NEAR_REST * float(motion.duration[0]), lengths)
-        n = len(motion.duration)
+            first, t = _near_rest(motion.duration)
+            motion = _divided(motion, first, t, lengths)
+            first, last = first + 1, last + 1
         if ends:
-            motion = _divided(motion, n - 1, (1.0 - _NEAR_REST) * float(motion.duration[n - 1]), lengths)
-        first, last = int(begins), n
+            k, t = _near_rest(motion.duration[::-1])
+            last -= k
+            motion = _divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
         lifted = self._between(_some(motion, first, last), _end(_some(motion, last - 1, last)), spans)
         if lifted is None:
-            return None
-        return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))])
+            return None, 0
+        return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))]), first
 
     def _between(self, motion: Motion, end: State, spans: int) -> Motion | None:
         """Return a faster, proven motion, as `lifted` does, for a motion that is at rest at neither end; `end` is
@@ -330,7 +335,8 @@ def _rests(motion: Motion) -> np.ndarray:
     """
     last = len(motion.duration) - 1
     speed = np.append(motion.speed, _end(_some(motion, last, last + 1)).speed)
-    return speed <= _RESTS * np.max(speed)
+    # the first phase from rest may be so short that it hardly moves: the phase after it begins with an acceleration
+    return (speed <= _RESTS * np.max(speed)) & np.append(motion.acceleration == 0.0, True)
 
 
 def _some(motion: Motion, first: int, last: int) -> Motion:
@@ -346,6 +352,14 @@ def _end(motion: Motion) -> State:
     """Return u' .. u''' at the end of a motion of a single time interval."""
     (t,), _, _, (v,), (a,), (j,), (s,) = motion
     return State(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s)
+
+
+def _near_rest(duration: np.ndarray) -> tuple[int, float]:
+    """Return the time interval, and the time within it, up to which a motion that begins at rest remains unchanged."""
+    ends = np.cumsum(duration[:_HALF])
+    t = max(_NEAR_REST * float(duration[0]), _AT_REST * float(ends[-1]))
+    k = int(np.searchsorted(ends, t))
+    return k, t - float(ends[k - 1]) if k else t
 
 
 def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
