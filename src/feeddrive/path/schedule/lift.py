@@ -6,7 +6,7 @@ simultaneously (`spline`).  The result, in time intervals of constant snap, is u
 and is faster; otherwise the original plan is kept.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import cast
 
 import numpy as np
@@ -38,7 +38,9 @@ _FINEST = 0.02  # of the mean duration of time intervals
 _TURNS = 0.15  # largest duration of a span relative to u'/|u''|
 # from rest z = u'² grows as u^1.5, which no cubic spline follows
 _NEAR_REST = 0.8  # of the first phase from rest, and of the last one to rest, remains unchanged
-_AT_REST = 0.003  # of half a ramp from rest remains unchanged at least, as the first phase may hardly move
+_AT_REST = 0.003  # of half a ramp from rest is not optimized at least, as the first phase may hardly move
+# behind the first phase the jerk may be at its limit, where no spline could start
+_SLOWED = 1.01  # factor of the time of such a beginning
 _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
 _STEPS = 40
@@ -132,24 +134,32 @@ class _Path:
             return None, 0  # on a line it is already time-optimal
         lengths = self._pieces.length
         first, last = 0, len(motion.duration)
+        factors = [1.0, 1.0]
         if begins:
-            first, t = _near_rest(motion.duration)
-            motion = _divided(motion, first, t, lengths)
-            first, last = first + 1, last + 1
+            k, t = _near_rest(motion.duration)
+            motion = _divided(motion, k, t, lengths)
+            first, last, factors[0] = k + 1, last + 1, _SLOWED if k else 1.0
         if ends:
             k, t = _near_rest(motion.duration[::-1])
-            last -= k
+            last, factors[1] = last - k, _SLOWED if k else 1.0
             motion = _divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
-        lifted = self._between(_some(motion, first, last), _end(_some(motion, last - 1, last)), spans)
+        lifted = self._between(_some(motion, first, last), _end(_some(motion, last - 1, last)), spans, factors)
         if lifted is None:
             return None, 0
-        return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))]), first
+        head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
+        return _one([_slowed(head, factors[0]), lifted, _slowed(tail, factors[1])]), first
 
-    def _between(self, motion: Motion, end: State, spans: int) -> Motion | None:
+    def _between(self, motion: Motion, end: State, spans: int, factors: Sequence[float]) -> Motion | None:
         """Return a faster, proven motion, as `lifted` does, for a motion that is at rest at neither end; `end` is
         u' .. u''' at the end of the motion.
+
+        At the ends the motion is slower, by two factors of the time.
         """
         time, knots, coefficient = self._spline(motion, end, spans)
+        if max(factors) > 1.0:
+            # the square of the speed; the three coefficients at either end are those of one state
+            edges = [2, len(coefficient) - 3]
+            coefficient *= np.interp(np.arange(len(coefficient)), edges, [factor**-2 for factor in factors])
         if np.any(np.diff(knots[3:-3]) <= 0.0):
             return None  # time intervals without motion except for rounding
         n = len(time) - 1
@@ -157,7 +167,8 @@ class _Path:
         begins, goes_on, ends = _PENALTIES
         if _quicker(looked, coefficient, begins, goes_on, 0, n):
             return None
-        starts = State(motion.speed[0], motion.acceleration[0], motion.jerk[0])
+        starts = _slower(State(motion.speed[0], motion.acceleration[0], motion.jerk[0]), factors[0])
+        end = _slower(end, factors[1])
         timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
         more = rows_for(State, n + 1), np.zeros((2 * _TOGETHER, 4))
         tried, new = coefficient.copy(), [(0, n)]
@@ -352,6 +363,17 @@ def _end(motion: Motion) -> State:
     """Return u' .. u''' at the end of a motion of a single time interval."""
     (t,), _, _, (v,), (a,), (j,), (s,) = motion
     return State(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s)
+
+
+def _slowed(motion: Motion, factor: float) -> Motion:
+    """Return a motion along the same path that takes `factor` times as long."""
+    duration, piece, x, v, a, j, s = motion
+    return Motion(duration * factor, piece, x, v / factor, a / factor**2, j / factor**3, s / factor**4)
+
+
+def _slower(state: State, factor: float) -> State:
+    """Return the state of such a motion."""
+    return State(state.speed / factor, state.acceleration / factor**2, state.jerk / factor**3)
 
 
 def _near_rest(duration: np.ndarray) -> tuple[int, float]:
