@@ -35,6 +35,8 @@ _FINE = 7.0  # number of spans in the duration of half a ramp
 _HALF = 4  # number of time intervals in half a ramp: all those of the shortest one
 # some time intervals exist only due to rounding: their length must not set that of the spans
 _FINEST = 0.02  # of the mean duration of time intervals
+_LEAST_SPAN = 1e-9  # s
+_HIDDEN = 0.1  # of the spans: shorter time intervals do not show in the spline
 _TURNS = 0.15  # largest duration of a span relative to u'/|u''|
 # from rest z = u'² grows as u^1.5, which no cubic spline follows
 _NEAR_REST = 0.8  # of the first phase from rest, and of the last one to rest, remains unchanged
@@ -220,14 +222,13 @@ class _Path:
         padded = np.concatenate([np.full(wide - 1, np.inf), sums, np.full(wide - 1, np.inf)])
         step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (1.0 / _FINE)
         step[:spans] = motion.duration[:spans]
-        shortest = _FINEST * float(np.mean(motion.duration))
-        step = np.maximum(step, shortest)
-        shortest = 1e-9
+        finest = _FINEST * float(np.mean(motion.duration))
+        step = np.maximum(step, finest)
         edge = np.concatenate([step[:1], np.minimum(step[1:], step[:-1]), step[-1:]])
         # the states at the ends fix three coefficients, so that a span must not be longer than the phase it lies in
         if not spans:
-            edge[0] = min(edge[0], max(float(motion.duration[0]), shortest))
-        edge[-1] = min(edge[-1], max(float(motion.duration[-1]), shortest))
+            edge[0] = min(edge[0], max(float(motion.duration[0]), _LEAST_SPAN))
+        edge[-1] = min(edge[-1], max(float(motion.duration[-1]), _LEAST_SPAN))
         speed, acceleration = np.append(motion.speed, end.speed), np.append(motion.acceleration, end.acceleration)
         edge = np.minimum(edge, _TURNS * speed / np.maximum(np.abs(acceleration), 1e-300))
         spline.graded(motion.duration, edge)
@@ -245,7 +246,18 @@ class _Path:
         at[:3], at[-3:] = 0, len(u) - 1
         p, q, r = (np.lib.stride_tricks.sliding_window_view(knots[1:-1], 3) - u[at][:, None]).T
         v, a, j = v[at], a[at], j[at]
-        return time, knots, v * v + 2.0 / 3.0 * a * (p + q + r) + j / (3.0 * v) * (p * q + q * r + r * p)
+        coefficient = v * v + 2.0 / 3.0 * a * (p + q + r) + j / (3.0 * v) * (p * q + q * r + r * p)
+        # beyond a time interval much shorter than the spans its Taylor form does not hold: there Schoenberg's
+        # approximation, whose coefficients are u'² at the mean of the three knots, which overshoots nowhere
+        m = np.minimum(np.searchsorted(np.cumsum(motion.duration), time, side="right"), n - 1)
+        spacing = np.diff(time)
+        hidden = motion.duration[m] < _HIDDEN * np.minimum(np.append(spacing, np.inf), np.append(np.inf, spacing))
+        hidden = hidden[at]
+        hidden[:3] = hidden[-3:] = False
+        if np.any(hidden):
+            means = np.mean(np.lib.stride_tricks.sliding_window_view(knots[1:-1], 3), axis=1)
+            coefficient = np.where(hidden, np.interp(means, u, sampled.T[1] ** 2), coefficient)
+        return time, knots, coefficient
 
     def _points(self, time: np.ndarray, knots: np.ndarray) -> Points:
         pieces, axes = self._pieces, len(self._limits)
