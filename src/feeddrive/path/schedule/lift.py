@@ -20,6 +20,7 @@ from feeddrive.path.motion import (
     Part,
     Pieces,
     cubic,
+    derivatives,
     one_after_the_other,
     part_of_pieces,
     way,
@@ -38,16 +39,18 @@ _FINEST = 0.02  # of the mean duration of time intervals
 _LEAST_SPAN = 1e-9  # s
 _HIDDEN = 0.1  # of the spans: shorter time intervals do not show in the spline
 _TURNS = 0.15  # largest duration of a span relative to u'/|u''|
-# from rest z = u'² grows as u^1.5, which no cubic spline follows
-_NEAR_REST = 0.8  # of the first phase from rest, and of the last one to rest, remains unchanged
+# from rest z = u'² grows as u^1.5, which no cubic spline follows: beyond, spans of growing length do
+_NEAR_REST = 0.1  # of the first phase from rest, and of the last one to rest, remains unchanged
 _AT_REST = 0.003  # of half a ramp from rest is not optimized at least, as the first phase may hardly move
-# behind the first phase the jerk may be at its limit, where no spline could start
-_SLOWED = 1.01  # factor of the time of such a beginning
+# the state behind such a beginning is given: at the limit itself no spline could start
+_AT_ENDS = np.array([0.97, 0.97, 0.97, 0.998])  # usable shares of the limits of velocity to snap there
+_ORDERS = 1.0 / np.arange(1, 5)  # a motion that takes f times as long has 1/f .. 1/f⁴ of the derivatives
+_BLENDED = 30  # number of coefficients over which the first spline takes up such a change of speed
 _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
 _STEPS = 40
 # a final penalty of 0.01 would save a fifth of the computation, but motions would take 0.4 % longer
-_PENALTIES = (0.4, 0.1, 3e-3)  # initially, at the start of each round, and finally
+_PENALTIES = (0.1, 0.01, 5e-3)  # initially, at the start of each round, and finally
 _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
 _ASIDE = 16  # number of spans on either side of such a point that are optimized again
@@ -136,32 +139,50 @@ class _Path:
             return None, 0  # on a line it is already time-optimal
         lengths = self._pieces.length
         first, last = 0, len(motion.duration)
-        factors = [1.0, 1.0]
         if begins:
             k, t = _near_rest(motion.duration)
             motion = _divided(motion, k, t, lengths)
-            first, last, factors[0] = k + 1, last + 1, _SLOWED if k else 1.0
+            first, last = k + 1, last + 1
         if ends:
             k, t = _near_rest(motion.duration[::-1])
-            last, factors[1] = last - k, _SLOWED if k else 1.0
+            last -= k
             motion = _divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
+        head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
+        factors = self._factor(head), self._factor(tail)
         lifted = self._between(_some(motion, first, last), _end(_some(motion, last - 1, last)), spans, factors)
         if lifted is None:
             return None, 0
-        head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
-        return _one([_slowed(head, factors[0]), lifted, _slowed(tail, factors[1])]), first
+        lifted = _one([_slowed(head, factors[0]), lifted, _slowed(tail, factors[1])])
+        return (lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else (None, 0)
+
+    def _factor(self, motion: Motion) -> float:
+        """Return the factor >= 1 by which the time of a motion from or to rest must grow to leave some reserve of each
+        limit along the path.
+        """
+        if not len(motion.duration):
+            return 1.0
+        pieces, p, r = self._pieces, int(motion.piece[-1]), rows_for(Derivatives, len(self._limits))
+        derivatives(int(pieces.kind[p]), float(pieces.length[p]), pieces.shape[p], float(motion.x[-1]), r)
+        slopes = np.maximum(np.abs(np.asarray(by_field(Derivatives, r).first)), 1e-200)
+        along = np.min(self._limits / slopes[:, None], axis=0)
+        along[0] = min(along[0], self.top[p])
+        states = np.abs([*zip(*motion[3:6], strict=True), _end(_some(motion, -1, len(motion.duration)))])
+        most = np.append(states.max(axis=0), np.max(np.abs(motion.snap)))
+        return max(1.0, float(np.max((most / (_AT_ENDS * along)) ** _ORDERS)))
 
     def _between(self, motion: Motion, end: State, spans: int, factors: Sequence[float]) -> Motion | None:
-        """Return a faster, proven motion, as `lifted` does, for a motion that is at rest at neither end; `end` is
-        u' .. u''' at the end of the motion.
+        """Return a proven motion between the same states, or None, for a motion that is at rest at neither end; `end`
+        is u' .. u''' at its end.
 
-        At the ends the motion is slower, by two factors of the time.
+        Both states are those of a motion that takes longer by one of the two factors.
         """
         time, knots, coefficient = self._spline(motion, end, spans)
-        if max(factors) > 1.0:
-            # the square of the speed; the three coefficients at either end are those of one state
-            edges = [2, len(coefficient) - 3]
-            coefficient *= np.interp(np.arange(len(coefficient)), edges, [factor**-2 for factor in factors])
+        if min(factors) != 1.0 or max(factors) != 1.0:
+            # the three coefficients at either end are those of one state
+            k, n = np.arange(len(coefficient)), len(coefficient)
+            blended = min(_BLENDED, (n - 6) // 2)
+            for from_end, factor in zip((k, n - 1 - k), factors, strict=True):
+                coefficient *= np.interp(from_end, [2, 2 + blended], [factor**-2, 1.0])
         if np.any(np.diff(knots[3:-3]) <= 0.0):
             return None  # time intervals without motion except for rounding
         n = len(time) - 1
@@ -188,7 +209,7 @@ class _Path:
                 return None  # it moves backwards between the evaluated points
             faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
-                return timed if np.sum(timed.duration) < np.sum(motion.duration) else None
+                return timed
             for _, where, _, which, _ in faults:
                 # a jump or a backward motion, which lower limits would not remove
                 if which < -1:
