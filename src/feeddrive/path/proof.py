@@ -661,6 +661,7 @@ def distance(
 # far above rounding, of which 1e-13 of the largest term is added, and far below what a drive resolves
 WIDENED = 1e-9  # relative widening of a limit
 _KEPT = 100  # largest number of faults recorded
+_LARGEST = 1.7976931348623157e308  # above it is infinity only: no limit
 
 
 @kernel
@@ -719,6 +720,17 @@ def _span(
         halves[count + 1, 1] = m
         count = count + 2
     return tests, -2, 0.0
+
+
+@kernel
+def jump(limits: Floats, k: int, share: float) -> float:
+    """Return a jump of the acceleration (k = 1) or the jerk (k = 2) of an axis, as a share of its limit, or 0 if it may
+    jump: no higher derivative is limited.
+    """
+    for higher in range(k + 1, 4):
+        if limits[higher] <= _LARGEST:
+            return share
+    return 0.0
 
 
 class Broken(NamedTuple):
@@ -817,10 +829,9 @@ def _prove(
             chain(v1 - v, 0.0, 0.0, 0.0, before, q)
             for i in range(n):
                 worst = max(worst, abs(q[i].first) / limits[i, 0])
-                worst = max(
-                    worst, abs(before[i].first * (a1 - a) + before[i].second * (v1 * v1 - v * v)) / limits[i, 1]
-                )
-                worst = max(worst, abs(before[i].first * (j1 - j)) / limits[i, 2])
+                over = abs(before[i].first * (a1 - a) + before[i].second * (v1 * v1 - v * v)) / limits[i, 1]
+                worst = max(worst, jump(limits[i], 1, over))
+                worst = max(worst, jump(limits[i], 2, abs(before[i].first * (j1 - j)) / limits[i, 2]))
                 jumps[0] = max(jumps[0], abs(before[i].first * gap))
             jumps[1] = max(jumps[1], worst)
         outside = came < -1e-12 or came > length[p] + 1e-12 * (1.0 + length[p])
@@ -880,8 +891,9 @@ def _prove(
                 d2 = after[i].second - before[i].second
                 d3 = after[i].third - before[i].third
                 worst = max(worst, abs(d1 * v1) / limits[i, 0])
-                worst = max(worst, abs(d2 * v1 * v1 + d1 * a1) / limits[i, 1])
-                worst = max(worst, abs(d3 * v1 * v1 * v1 + 3.0 * d2 * v1 * a1 + d1 * j1) / limits[i, 2])
+                worst = max(worst, jump(limits[i], 1, abs(d2 * v1 * v1 + d1 * a1) / limits[i, 1]))
+                over = abs(d3 * v1 * v1 * v1 + 3.0 * d2 * v1 * a1 + d1 * j1) / limits[i, 2]
+                worst = max(worst, jump(limits[i], 2, over))
                 apart = abs(origin[p + 1, i] - (origin[p, i] + before[i].value))
                 jumps[0] = max(jumps[0], apart)
                 if apart > 1e-12 * (1.0 + abs(origin[p, i]) + length[p]):

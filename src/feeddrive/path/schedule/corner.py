@@ -44,7 +44,7 @@ from feeddrive.path.motion import (
     rows,
     way,
 )
-from feeddrive.path.schedule.ramp import Ramp, Slopes, bounds, boxcars, cube_root, duration, jerk_before, phase
+from feeddrive.path.schedule.ramp import Ramp, Slopes, acceleration_before, bounds, boxcars, cube_root, duration, jerk_before, phase, ramp_jerk
 
 _HALVINGS = 24  # largest number of halvings of the overlap
 _SLIVER = 1e-12  # of an overlap: two phases that end so close together end simultaneously
@@ -411,16 +411,17 @@ def _phase(interval: Interval, count: int, out: Records[Interval]) -> int:
 @kernel
 def _ramp(low: float, rise: float, ramp: Ramp, x: float, up: bool, count: int, out: Records[Interval]) -> int:
     """Append the phases of a ramp that starts at x."""
-    if rise <= 0.0 or ramp.L1 <= 0.0:
+    if rise <= 0.0 or ramp.L3 <= 0.0:
         return count
     sense = 1.0 if up else -1.0
-    jerk = rise / (ramp.L2 * ramp.L3)
+    jerk = ramp_jerk(rise, ramp)
     v = low if up else low + rise
     acceleration = 0.0
     for number in range(7):
         T, s = phase(number, rise, ramp)
         s = sense * s
         j = sense * jerk_before(number, jerk)
+        acceleration = sense * acceleration_before(number, rise, ramp, sense * acceleration)
         count = _phase(Interval(T, x, v, acceleration, j, s), count, out)
         if T > 0.0:
             x = x + way(v, acceleration, j, s, T)
@@ -434,7 +435,8 @@ def _box(node: Node, out: Records[Interval]) -> int:
     docstring.
     """
     _, wide, short, _, _ = node
-    k = node.speed / (wide * wide * short)
+    jerk = node.speed / (wide * wide)
+    k = jerk / short if short > 0.0 else 0.0
     x = 0.0
     u = 0.0
     a = 0.0
@@ -446,7 +448,7 @@ def _box(node: Node, out: Records[Interval]) -> int:
             s = k
         elif number == 2:
             s = -2.0 * k
-        j = 0.0 if number == 0 else (k * short if number < 3 else -k * short)
+        j = 0.0 if number == 0 else (jerk if number < 3 else -jerk)
         out[number] = Interval(T, x, u, a, j, s)
         x = x + way(u, a, j, s, T)
         u, a = cubic(u, a, j, s, T), a + T * (j + 0.5 * T * s)
@@ -710,7 +712,7 @@ def bump(
         v = fastest
         for again in range(_TRIES):
             # the snap of a bump is twice its jerk over s: at the limit of the jerk half of that of the snap
-            w, short = width(near / v, 4.0 * one.jerk / one.snap)
+            w, short = width(near / v, 4.0 * one.jerk / one.snap if one.snap < 1e299 else 0.0)
             # the snaps of ramp and bump add up in the corner
             node = Node(v, w, short, share, 0.5)
             one = one._replace(tail=node)

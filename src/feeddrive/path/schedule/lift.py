@@ -33,7 +33,8 @@ from feeddrive.path.schedule.spline import Basis, Points, Rates, Reached, Room, 
 # less reserve fails more proofs and costs more rounds, more reserve costs time of the motion
 SHARES = (1.0 - 1e-4, 0.995, 0.99, 0.98)  # of the limits, at the points: the rest is for the motion between them
 _FINE = 7.0  # number of spans in the duration of half a ramp
-_HALF = 4  # number of time intervals in half a ramp: all those of the shortest one
+# number of time intervals in half a ramp: all those of the shortest one
+_HALF = (4, 2, 1)  # with limits of jerk and snap, without one of snap, and without both
 # some time intervals exist only due to rounding: their length must not set that of the spans
 _FINEST = 0.02  # of the mean duration of time intervals
 _LEAST_SPAN = 1e-9  # s
@@ -117,6 +118,7 @@ class _Path:
         n, axes = len(pieces.length), len(limits)
         self._pieces, self._limits = pieces, limits
         self._begin = np.concatenate([[0.0], np.cumsum(pieces.length)])
+        self._half = _HALF[int(np.max(np.sum(np.isinf(limits[:, 2:]), axis=1)))]
         self.top = np.zeros(n)
         spline.tops(pieces, limits, self.top, rows_for(Slopes, axes))
 
@@ -140,11 +142,11 @@ class _Path:
         lengths = self._pieces.length
         first, last = 0, len(motion.duration)
         if begins:
-            k, t = _near_rest(motion.duration)
+            k, t = _near_rest(motion.duration[: self._half])
             motion = _divided(motion, k, t, lengths)
             first, last = k + 1, last + 1
         if ends:
-            k, t = _near_rest(motion.duration[::-1])
+            k, t = _near_rest(motion.duration[::-1][: self._half])
             last -= k
             motion = _divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
         head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
@@ -238,7 +240,7 @@ class _Path:
         states at both ends.
         """
         n = len(motion.duration)
-        wide = min(_HALF, n)
+        wide = min(self._half, n)
         sums = np.convolve(motion.duration, np.ones(wide), "valid")
         padded = np.concatenate([np.full(wide - 1, np.inf), sums, np.full(wide - 1, np.inf)])
         step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (1.0 / _FINE)
@@ -379,8 +381,11 @@ def _rests(motion: Motion) -> np.ndarray:
     """
     last = len(motion.duration) - 1
     speed = np.append(motion.speed, _end(_some(motion, last, last + 1)).speed)
-    # the first phase from rest may be so short that it hardly moves: the phase after it begins with an acceleration
-    return (speed <= _RESTS * np.max(speed)) & np.append(motion.acceleration == 0.0, True)
+    slow = speed <= _RESTS * np.max(speed)
+    # the first phase from rest may be so short that it hardly moves, and what follows is no rest; a part may begin there
+    slow[0] = slow[0] and (motion.speed[0] == 0.0 or motion.acceleration[0] == 0.0)
+    slow[1:] &= speed[1:] < speed[:-1]
+    return slow
 
 
 def _some(motion: Motion, first: int, last: int) -> Motion:
@@ -410,8 +415,8 @@ def _slower(state: State, factor: float) -> State:
 
 
 def _near_rest(duration: np.ndarray) -> tuple[int, float]:
-    """Return the time interval, and the time within it, up to which a motion that begins at rest remains unchanged."""
-    ends = np.cumsum(duration[:_HALF])
+    """Return the time interval, and the time within it, up to which half a ramp from rest remains unchanged."""
+    ends = np.cumsum(duration)
     t = max(_NEAR_REST * float(duration[0]), _AT_REST * float(ends[-1]))
     k = int(np.searchsorted(ends, t))
     return k, t - float(ends[k - 1]) if k else t

@@ -233,7 +233,7 @@ def _expanded(
         b00 = b00 + weight / (gap * gap)
     for i in range(len(r)):
         a1, a2, j1, j2, j3, s1, s2, s3, s4 = r[i]
-        if a1 == 0.0 and a2 == 0.0 and s3 == 0.0 and s4 == 0.0:
+        if a1 == 0.0 and a2 == 0.0 and j3 == 0.0 and s3 == 0.0 and s4 == 0.0:
             continue  # the axis does not move
         if speeds:
             g0 = a2
@@ -570,7 +570,8 @@ def ramp_gain(
     """
     lasts = 0.0
     for m in range(first, last):
-        if m > first and motion.acceleration[m] == 0.0 and motion.jerk[m] == 0.0:
+        # a node, at which the jerk may jump, or the acceleration
+        if m > first and (motion.acceleration[m] == 0.0 or motion.acceleration[m] * motion.acceleration[m - 1] < 0.0):
             return 1e300
         lasts = lasts + motion.duration[m]
     begin = interval_of(motion, first)
