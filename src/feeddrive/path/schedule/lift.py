@@ -33,8 +33,9 @@ from feeddrive.path.schedule.spline import Basis, Points, Rates, Reached, Room, 
 # less reserve fails more proofs and costs more rounds, more reserve costs time of the motion
 SHARES = (1.0 - 1e-4, 0.995, 0.99, 0.98)  # of the limits, at the points: the rest is for the motion between them
 _FINE = 7.0  # number of spans in the duration of half a ramp
-# number of time intervals in half a ramp: all those of the shortest one
-_HALF = (4, 2, 1)  # with limits of jerk and snap, without one of snap, and without both
+# half a ramp as a number of time intervals and their share, with limits of jerk and snap, without one of snap, and
+# without both: a ramp then has 6 or 7 intervals, 2 or 3, or 1
+_HALF = ((4, 1.0), (1, 1.0), (1, 0.5))
 # some time intervals exist only due to rounding: their length must not set that of the spans
 _FINEST = 0.02  # of the mean duration of time intervals
 _LEAST_SPAN = 1e-9  # s
@@ -142,11 +143,11 @@ class _Path:
         lengths = self._pieces.length
         first, last = 0, len(motion.duration)
         if begins:
-            k, t = _near_rest(motion.duration[: self._half])
+            k, t = _near_rest(motion.duration[: self._half[0]])
             motion = _divided(motion, k, t, lengths)
             first, last = k + 1, last + 1
         if ends:
-            k, t = _near_rest(motion.duration[::-1][: self._half])
+            k, t = _near_rest(motion.duration[::-1][: self._half[0]])
             last -= k
             motion = _divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
         head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
@@ -240,10 +241,11 @@ class _Path:
         states at both ends.
         """
         n = len(motion.duration)
-        wide = min(self._half, n)
+        wide, share = self._half
+        wide = min(wide, n)
         sums = np.convolve(motion.duration, np.ones(wide), "valid")
         padded = np.concatenate([np.full(wide - 1, np.inf), sums, np.full(wide - 1, np.inf)])
-        step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (1.0 / _FINE)
+        step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (share / _FINE)
         step[:spans] = motion.duration[:spans]
         finest = _FINEST * float(np.mean(motion.duration))
         step = np.maximum(step, finest)
@@ -382,9 +384,9 @@ def _rests(motion: Motion) -> np.ndarray:
     last = len(motion.duration) - 1
     speed = np.append(motion.speed, _end(_some(motion, last, last + 1)).speed)
     slow = speed <= _RESTS * np.max(speed)
-    # the first phase from rest may be so short that it hardly moves, and what follows is no rest; a part may begin there
+    # the first phase from rest, and the last one to rest, may be so short that they hardly move
     slow[0] = slow[0] and (motion.speed[0] == 0.0 or motion.acceleration[0] == 0.0)
-    slow[1:] &= speed[1:] < speed[:-1]
+    slow[1:-1] &= (speed[1:-1] < speed[:-2]) & (speed[1:-1] < speed[2:])
     return slow
 
 
