@@ -34,6 +34,10 @@ _NO_LIMIT = 1e299
 _LEVEL = 1.001  # largest ratio of the caps of neighbors that are made equal
 
 
+# lifting begins and ends on plateaus: at the limit itself no spline could start (`_TOUCHES` in `spline`, in speeds)
+_BELOW = 1.0 - 4e-6
+
+
 class Slopes(NamedTuple):
     """The largest |r'| .. |r''''| of an axis on a piece: M1 .. M4."""
 
@@ -208,7 +212,10 @@ def pieces_room(
     for p in range(n):
         norm = bounds(Piece(pieces.kind[p], pieces.length[p], pieces.shape[p]), most[p])
         feed = pieces.feed[p] * factor
-        caps[p] = Cap(speed_cap(most[p], norm, feed, limits, cruise), speed_cap(most[p], norm, feed, limits, crossing))
+        caps[p] = Cap(
+            _BELOW * speed_cap(most[p], norm, feed, limits, cruise),
+            _BELOW * speed_cap(most[p], norm, feed, limits, crossing),
+        )
     first = 0
     low = 0.0
     high = 0.0
