@@ -44,7 +44,18 @@ from feeddrive.path.motion import (
     rows,
     way,
 )
-from feeddrive.path.schedule.ramp import Ramp, Slopes, acceleration_before, bounds, boxcars, cube_root, duration, jerk_before, phase, ramp_jerk
+from feeddrive.path.schedule.ramp import (
+    Ramp,
+    Slopes,
+    acceleration_before,
+    bounds,
+    boxcars,
+    cube_root,
+    duration,
+    jerk_before,
+    phase,
+    ramp_jerk,
+)
 
 _HALVINGS = 24  # largest number of halvings of the overlap
 _SLIVER = 1e-12  # of an overlap: two phases that end so close together end simultaneously
