@@ -119,7 +119,7 @@ class _Path:
         n, axes = len(pieces.length), len(limits)
         self._pieces, self._limits = pieces, limits
         self._begin = np.concatenate([[0.0], np.cumsum(pieces.length)])
-        self._half = _HALF[int(np.max(np.sum(np.isinf(limits[:, 2:]), axis=1)))]
+        self._unlimited = int(np.max(np.sum(np.isinf(limits[:, 2:]), axis=1)))  # of jerk and snap
         self.top = np.zeros(n)
         spline.tops(pieces, limits, self.top, rows_for(Slopes, axes))
 
@@ -143,11 +143,11 @@ class _Path:
         lengths = self._pieces.length
         first, last = 0, len(motion.duration)
         if begins:
-            k, t = _near_rest(motion.duration[: self._half[0]])
+            k, t = self._near_rest(motion.duration)
             motion = _divided(motion, k, t, lengths)
             first, last = k + 1, last + 1
         if ends:
-            k, t = _near_rest(motion.duration[::-1][: self._half[0]])
+            k, t = self._near_rest(motion.duration[::-1])
             last -= k
             motion = _divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
         head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
@@ -157,6 +157,14 @@ class _Path:
             return None, 0
         lifted = _one([_slowed(head, factors[0]), lifted, _slowed(tail, factors[1])])
         return (lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else (None, 0)
+
+    def _near_rest(self, duration: np.ndarray) -> tuple[int, float]:
+        """Return the time interval, and the time within it, up to which a motion from rest is not optimized."""
+        ends = np.cumsum(duration[: 4 - self._unlimited])
+        # without a limit of the snap the first phase is no small part of the ramp
+        t = max(0.0 if self._unlimited else _NEAR_REST * float(duration[0]), _AT_REST * float(ends[-1]))
+        k = int(np.searchsorted(ends, t))
+        return k, t - float(ends[k - 1]) if k else t
 
     def _factor(self, motion: Motion) -> float:
         """Return the factor >= 1 by which the time of a motion from or to rest must grow to leave some reserve of each
@@ -241,7 +249,7 @@ class _Path:
         states at both ends.
         """
         n = len(motion.duration)
-        wide, share = self._half
+        wide, share = _HALF[self._unlimited]
         wide = min(wide, n)
         sums = np.convolve(motion.duration, np.ones(wide), "valid")
         padded = np.concatenate([np.full(wide - 1, np.inf), sums, np.full(wide - 1, np.inf)])
@@ -414,14 +422,6 @@ def _slowed(motion: Motion, factor: float) -> Motion:
 def _slower(state: State, factor: float) -> State:
     """Return the state of such a motion."""
     return State(state.speed / factor, state.acceleration / factor**2, state.jerk / factor**3)
-
-
-def _near_rest(duration: np.ndarray) -> tuple[int, float]:
-    """Return the time interval, and the time within it, up to which half a ramp from rest remains unchanged."""
-    ends = np.cumsum(duration)
-    t = max(_NEAR_REST * float(duration[0]), _AT_REST * float(ends[-1]))
-    k = int(np.searchsorted(ends, t))
-    return k, t - float(ends[k - 1]) if k else t
 
 
 def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:

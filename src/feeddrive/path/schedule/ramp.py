@@ -35,7 +35,7 @@ _LEVEL = 1.001  # largest ratio of the caps of neighbors that are made equal
 
 
 # lifting begins and ends on plateaus: at the limit itself no spline could start (`_TOUCHES` in `spline`, in speeds)
-_BELOW = 1.0 - 4e-6
+_BELOW = 1.0 - 6e-7
 
 
 class Slopes(NamedTuple):
