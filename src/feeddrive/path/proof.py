@@ -661,7 +661,6 @@ def distance(
 # far above rounding, of which 1e-13 of the largest term is added, and far below what a drive resolves
 WIDENED = 1e-9  # relative widening of a limit
 _KEPT = 100  # largest number of faults recorded
-_LARGEST = 1.7976931348623157e308  # above it is infinity only: no limit
 
 
 @kernel
@@ -728,7 +727,8 @@ def jump(limits: Floats, k: int, share: float) -> float:
     jump: no higher derivative is limited.
     """
     for higher in range(k + 1, 4):
-        if limits[higher] <= _LARGEST:
+        # infinity less infinity is no number
+        if limits[higher] - limits[higher] == 0.0:
             return share
     return 0.0
 
