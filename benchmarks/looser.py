@@ -102,10 +102,8 @@ def table(lines: int, more: Callable[[str], None]) -> None:
         worst = max(rises, key=lambda key: rises[key])
         ratio = f"{max(took for _, took in rows.values()) / begun:.1f}" if begun > LONG else ""
         none, neither = (rows[key][0] for key in ("no snap", "no jerk, no snap"))
-        print(
-            f"| {name} | {usual:.3f} | {none:.3f} | {neither:.3f} | {rises[worst]:.2f} | {worst} | {ratio} |",
-            flush=True,
-        )
+        times = f"{usual:.3f} | {none:.3f} | {neither:.3f}"
+        print(f"| {name} | {times} | {rises[worst]:.2f} | {worst} | {ratio} |", flush=True)
         more(f"{name}: " + ", ".join(f"{key} {found:.4f} s in {took:.3f}" for key, (found, took) in rows.items()))
 
 
@@ -131,10 +129,8 @@ def drawn(count: int, seed: int) -> None:
     above = [int(np.sum(np.array(rises) > share)) for share in (1e-4, 1e-3, 5e-3)]
     print(
         f"{len(rises)} loosenings of drawn programs, seed {seed}: {above[0]} rise by more than 0.01 %, {above[1]} by "
-    )
-    print(f"more than 0.1 %, {above[2]} by more than 0.5 %, the largest by {100.0 * max(rises):.2f} %; ")
-    print(
-        f"{looser_took:.1f} s of processor time with looser limits, {usual_took:.1f} s before, {slow} more than twice"
+        f"more than 0.1 %, {above[2]} by more than 0.5 %, the largest by {100.0 * max(rises):.2f} %; {looser_took:.1f} "
+        f"s of processor time with looser limits, {usual_took:.1f} s before, {slow} more than twice"
     )
 
 
