@@ -90,7 +90,7 @@ def test_looser_limits_are_never_slower(tmp_path: Path, seeded: Seeded) -> None:
     assert max(found) <= 2.0 * SLOWER  # one of a thousand drawn ones rises by more than `SLOWER`
 
 
-@pytest.mark.slow(reason="four hundred drawn programs with five sets of limits each: 60 s")
+@pytest.mark.slow(reason="four hundred drawn programs with five sets of limits each: 110 s")
 def test_looser_limits_are_never_slower_for_many_programs(tmp_path: Path) -> None:
     """Of 100 one may rise more: corners are decided one after the other, so that a faster one may cost the next."""
     found = rises(400, 5, tmp_path, 5)
