@@ -447,7 +447,7 @@ OTHERS = [
     ("linuxcnc", 'output = "pid.x.output"', 'output = ""'),
     ("linuxcnc", "simulated = true", "simulated = 1"),
     ("linuxcnc", "late_ms", "lated_ms"),
-    ("limits", "jerk = 100\n", ""),
+    ("limits", "acceleration = 5\n", ""),
     ("limits", "travel_least", "travel_lest"),
     ("limits", "[axis.c.limits]", "[axis.c.limit]"),
     ("limits", "acceleration = 5", "acceleration = 0"),

@@ -160,12 +160,12 @@ def test_what_the_proof_refuses_at_first_costs_less_than_a_percent(monkeypatch: 
     assert 1.0 < proven / lifted_curve(45) < 1.01
 
 
-def test_the_last_penalty_costs_a_quarter_of_a_percent_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Against a thirtieth of the penalty; a penalty μ of a share costs about μ of the time spent at it."""
+def test_the_last_penalty_costs_half_a_percent_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against a fiftieth of the penalty; a penalty μ of a share costs about μ of the time spent at it."""
     found = lifted_curve(33)
-    monkeypatch.setattr(lift, "_PENALTIES", (0.4, 0.1, 1e-4))
+    monkeypatch.setattr(lift, "_PENALTIES", (0.1, 0.01, 1e-4))
     monkeypatch.setattr(lift, "_STEPS", 400)
-    assert 1.0018 < found / lifted_curve(33) < 1.0045
+    assert 1.004 < found / lifted_curve(33) < 1.0075
 
 
 def test_the_steps_suffice_to_reach_the_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -230,7 +230,7 @@ def test_the_basis_has_the_bits_of_the_interpreter() -> None:
 
 @pytest.mark.slow(reason="a program of 4,684 blocks, planned, lifted and proven")
 def test_three_dimensional_chips_take_less_than_46_seconds() -> None:
-    """Tolerance 0.1 mm; limits 500 mm/s, 5000 mm/s², 1e5 mm/s³, 5e7 mm/s⁴: 43.3 s measured, 59.2 s not lifted."""
+    """Tolerance 0.1 mm; limits 500 mm/s, 5000 mm/s², 1e5 mm/s³, 5e7 mm/s⁴: 42.7 s measured, 59.2 s not lifted."""
     if not CHIPS.exists():
         pytest.skip(f"NOT PLANNED: {CHIPS} is not there")
     parts = [each for each in planned(read_program(CHIPS), "XYZ", LIMITS) if isinstance(each, Part)]

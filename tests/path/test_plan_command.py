@@ -252,12 +252,31 @@ def test_limits_of_a_file_replace_those_of_the_machine(tmp_path: Path) -> None:
     assert alone.limits.letters == "X"
 
 
+@pytest.mark.parametrize("left_out", ["snap_mm_per_s4 = 5e7", "jerk_mm_per_s3 = 1e5\nsnap_mm_per_s4 = 5e7"])
+@pytest.mark.parametrize("stated", [False, True])
+def test_a_limit_of_snap_or_jerk_may_be_left_out_or_infinite(left_out: str, stated: bool, tmp_path: Path) -> None:
+    """`plan.json` has null for it, the table says that there is none, and the proof covers the others."""
+    file, program = tmp_path / "limits.toml", tmp_path / "part.ngc"
+    other = "\n".join(f"{line.split(' ')[0]} = inf" for line in left_out.split("\n")) if stated else ""
+    text = LIMITS.format("").replace(left_out, other)
+    file.write_text(text + text.replace("axis.x", "axis.y"), encoding="utf-8")
+    program.write_text("G21 G64 P0.05 F6000\nG1 X20\nG3 X30 Y10 J10\nG1 X10\nM2\n", encoding="utf-8")
+    found = fd.workflow.plan(program, limits=file, sample_time=1e-3, out=tmp_path / "out")
+    record = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert record["violations"] == 0
+    assert record["limits"]["X"]["snap"] == {"limit": None, "largest_use": None}
+    assert (record["limits"]["Y"]["jerk"]["limit"] is None) is ("jerk" in left_out)
+    assert record["limits"]["X"]["acceleration"]["largest_use"] > 0.5
+    assert "no limit" in str(found.table())
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         (LIMITS.format("travel_least_mm = 30\ntravel_most_mm = 20"), "travel_least = 0.03 m must be < "),
         (LIMITS.format("").replace("jerk_mm_per_s3 = 1e5", "jerk_mm_per_s3 = -1"), "limits.toml:5: "),
-        (LIMITS.format("").replace("snap_mm_per_s4 = 5e7", ""), "snap"),
+        (LIMITS.format("").replace("acceleration_mm_per_s2 = 5000", ""), "acceleration"),
+        (LIMITS.format("").replace("= 5000", "= inf"), "(largest acceleration) must be a finite number"),
         (LIMITS.format("speed = 3"), "speed"),
         (LIMITS.format("").replace("axis.x", "axis.q"), "axis 'q' is not in"),
         ("[axis.x]\nlimit = 3\n", "limits.toml:2: "),

@@ -79,7 +79,8 @@ def test_a_circle_is_passed_at_its_feed_or_near_what_its_curvature_allows(feed: 
     pieces = arc((0.0, 0.0), R, 0.0, 4.0 * np.pi, feed)
     motion = plan_run(pieces, LIMITS)
     held = [min(feed, share * cap) for share in (0.9, 0.7)]
-    assert min(abs(motion.speed.max() / each - 1.0) for each in held) <= 1e-9
+    # plateaus stay 6e-7 below, so that lifting can begin on them
+    assert min(abs(motion.speed.max() / each - 1.0) for each in held) <= 1e-6
     found = proof(pieces, motion)
     assert found.count == 0
     # on the plateau both axes see v²/R at some time: the look at begin and middle of spans misses little of it

@@ -57,6 +57,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Se
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
+from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -501,7 +502,10 @@ def plan_record(plan: Planned) -> dict[str, Any]:
     proof = plan.proof
     uses = {
         letter: {
+            # null for no limit: JSON has no infinity
             name: {"limit": float(limit), "largest_use": float(use)}
+            if isfinite(limit)
+            else {"limit": None, "largest_use": None}
             for name, limit, use in zip(DERIVATIVES, limits, shares, strict=True)
         }
         for letter, limits, shares in zip(plan.limits.letters, plan.limits.array, proof.use, strict=True)

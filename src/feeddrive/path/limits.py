@@ -3,8 +3,8 @@
 [axis.x.limits]                    # in a machine file, or in a file of its own
 velocity_mm_per_s = 500
 acceleration_mm_per_s2 = 5000
-jerk_mm_per_s3 = 1e5
-snap_mm_per_s4 = 5e7
+jerk_mm_per_s3 = 1e5                # absent, or inf: no limit
+snap_mm_per_s4 = 5e7                # absent, or inf: no limit
 travel_least_mm = 0                # soft limits, in machine coordinates; absent for none
 travel_most_mm = 600
 
@@ -48,8 +48,14 @@ class AxisLimits(Block):
 
     velocity: Number = parameter("m/s", "largest speed of the axis", above=0)
     acceleration: Number = parameter("m/s2", "largest acceleration", above=0)
-    jerk: Number = parameter("m/s3", "largest jerk", above=0)
-    snap: Number = parameter("m/s4", "largest snap, the time derivative of the jerk", above=0)
+    jerk: Number = parameter("m/s3", "largest jerk; absent for no limit", above=0, infinite=True, default=math.inf)
+    snap: Number = parameter(
+        "m/s4",
+        "largest snap, the time derivative of the jerk; absent for no limit",
+        above=0,
+        infinite=True,
+        default=math.inf,
+    )
     travel_least: Number | None = parameter("m", "lower end of the travel; absent for none", default=None)
     travel_most: Number | None = parameter("m", "upper end of the travel; absent for none", default=None)
     resolution: Number | None = parameter(

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -196,6 +197,8 @@ class Planned(Result):
                 letter,
                 *(
                     Text(f"{Quantity(use, 'share')} of {_limit(limit, unit, s)}")
+                    if isfinite(limit)
+                    else Text("no limit")
                     for limit, use, s in zip(limits_of_axis, used, _PER, strict=True)
                 ),
             ]

@@ -724,6 +724,18 @@ def _span(
     return tests, -2, 0.0
 
 
+@kernel
+def jump(limits: Floats, k: int, share: float) -> float:
+    """Return a jump of the acceleration (k = 1) or the jerk (k = 2) of an axis, as a share of its limit, or 0 if it may
+    jump: no higher derivative is limited.
+    """
+    for higher in range(k + 1, 4):
+        # infinity less infinity is no number
+        if limits[higher] - limits[higher] == 0.0:
+            return share
+    return 0.0
+
+
 class Broken(NamedTuple):
     """A fault as noted by kernels: path piece, time interval, time within it (s), number of the limit, utilization."""
 
@@ -820,10 +832,9 @@ def _prove(
             chain(v1 - v, 0.0, 0.0, 0.0, before, q)
             for i in range(n):
                 worst = max(worst, abs(q[i].first) / limits[i, 0])
-                worst = max(
-                    worst, abs(before[i].first * (a1 - a) + before[i].second * (v1 * v1 - v * v)) / limits[i, 1]
-                )
-                worst = max(worst, abs(before[i].first * (j1 - j)) / limits[i, 2])
+                over = abs(before[i].first * (a1 - a) + before[i].second * (v1 * v1 - v * v)) / limits[i, 1]
+                worst = max(worst, jump(limits[i], 1, over))
+                worst = max(worst, jump(limits[i], 2, abs(before[i].first * (j1 - j)) / limits[i, 2]))
                 jumps[0] = max(jumps[0], abs(before[i].first * gap))
             jumps[1] = max(jumps[1], worst)
         outside = came < -1e-12 or came > length[p] + 1e-12 * (1.0 + length[p])
@@ -883,8 +894,9 @@ def _prove(
                 d2 = after[i].second - before[i].second
                 d3 = after[i].third - before[i].third
                 worst = max(worst, abs(d1 * v1) / limits[i, 0])
-                worst = max(worst, abs(d2 * v1 * v1 + d1 * a1) / limits[i, 1])
-                worst = max(worst, abs(d3 * v1 * v1 * v1 + 3.0 * d2 * v1 * a1 + d1 * j1) / limits[i, 2])
+                worst = max(worst, jump(limits[i], 1, abs(d2 * v1 * v1 + d1 * a1) / limits[i, 1]))
+                over = abs(d3 * v1 * v1 * v1 + 3.0 * d2 * v1 * a1 + d1 * j1) / limits[i, 2]
+                worst = max(worst, jump(limits[i], 2, over))
                 apart = abs(origin[p + 1, i] - (origin[p, i] + before[i].value))
                 jumps[0] = max(jumps[0], apart)
                 if apart > 1e-12 * (1.0 + abs(origin[p, i]) + length[p]):

@@ -420,7 +420,11 @@ def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
         within = used > 0.2 * top
         sides = tuple(Level(side, dashed=True, number=chart.ALERT) for side in (-top, top)) if within else ()
         bottom, upper = style.padded(*((-top, top) if within else (-used, used)))
-        caption = Text(f"{Quantity(plan.proof.use[axis, k], 'share'):3} of {Quantity(top, unit)}")
+        caption = (
+            Text(f"{Quantity(plan.proof.use[axis, k], 'share'):3} of {Quantity(top, unit)}")
+            if np.isfinite(top)
+            else Text("no limit")
+        )
         panels.append(
             Panel(f"{name}\n({unit})", (shape, *lines), levels=sides, low=bottom, high=upper, caption=caption)
         )

@@ -59,6 +59,7 @@ from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
 from feeddrive.path.planned import Planned
+from feeddrive.path.proof import DERIVATIVES
 from feeddrive.report.page import html
 from feeddrive.report.report import Marked, Picture, Remarks, Report, Section, Verdict, facts
 from feeddrive.version import __version__
@@ -248,6 +249,13 @@ def _by_plan(request: SetpathRequest, part: Part, progress: Progress) -> Outcome
             )
         }
         by_axis = {axis: limits[axis.lower()] for axis in part.plan if axis.lower() in limits}
+        for axis, row in by_axis.items():
+            for what, limit in zip(DERIVATIVES, row, strict=True):
+                if not np.isfinite(limit):
+                    raise ParameterError(
+                        f"axis {axis} has no limit of the {what}, by which a changed path is proven: "
+                        "give it one in the machine file, or take --method force"
+                    )
         missing = [axis for axis in part.plan if axis not in by_axis]
         if missing:
             raise ParameterError(f"axis {', '.join(missing)} has no limits of its own: take --method force")

@@ -44,7 +44,18 @@ from feeddrive.path.motion import (
     rows,
     way,
 )
-from feeddrive.path.schedule.ramp import Ramp, Slopes, bounds, boxcars, cube_root, duration, jerk_before, phase
+from feeddrive.path.schedule.ramp import (
+    Ramp,
+    Slopes,
+    acceleration_before,
+    bounds,
+    boxcars,
+    cube_root,
+    duration,
+    jerk_before,
+    phase,
+    ramp_jerk,
+)
 
 _HALVINGS = 24  # largest number of halvings of the overlap
 _SLIVER = 1e-12  # of an overlap: two phases that end so close together end simultaneously
@@ -362,6 +373,7 @@ class Node(NamedTuple):
     speed        at the node, m/s
     wide, short  boxcar widths w and s of the bump there, s; 0 without a bump: the stretch begins or ends with the node
     jerk_share, snap_share  parts of the jerk and snap limits that the ramp to it may use
+    jerk         largest jerk of that ramp, m/s³
     """
 
     speed: float
@@ -369,6 +381,7 @@ class Node(NamedTuple):
     short: float = 0.0
     jerk_share: float = 1.0
     snap_share: float = 1.0
+    jerk: float = 1e300
 
 
 class LineStretch(NamedTuple):
@@ -395,6 +408,8 @@ class Ramps(NamedTuple):
 ROWS = 40  # largest number of time intervals of its motion
 _TRIES = 9  # largest number of trial speeds in a corner
 _NEAR = 0.005  # relative accuracy of this speed
+_RISES = 0.5  # of the width of a bump: longer rises of the acceleration are not tried
+_SECANT = 0.1  # of the distance between two speeds: a secant nearer to the lower one is not used
 _PEAKS = 60  # largest number of trial peaks of a stretch
 _FULL = 1e-9  # of its length need not be used by ramps
 
@@ -411,16 +426,17 @@ def _phase(interval: Interval, count: int, out: Records[Interval]) -> int:
 @kernel
 def _ramp(low: float, rise: float, ramp: Ramp, x: float, up: bool, count: int, out: Records[Interval]) -> int:
     """Append the phases of a ramp that starts at x."""
-    if rise <= 0.0 or ramp.L1 <= 0.0:
+    if rise <= 0.0 or ramp.L3 <= 0.0:
         return count
     sense = 1.0 if up else -1.0
-    jerk = rise / (ramp.L2 * ramp.L3)
+    jerk = ramp_jerk(rise, ramp)
     v = low if up else low + rise
     acceleration = 0.0
     for number in range(7):
         T, s = phase(number, rise, ramp)
         s = sense * s
         j = sense * jerk_before(number, jerk)
+        acceleration = sense * acceleration_before(number, rise, ramp, sense * acceleration)
         count = _phase(Interval(T, x, v, acceleration, j, s), count, out)
         if T > 0.0:
             x = x + way(v, acceleration, j, s, T)
@@ -433,8 +449,9 @@ def _box(node: Node, out: Records[Interval]) -> int:
     """Write the five phases of the speed v H, from rest to v, where H is the smoothed unit step of the module
     docstring.
     """
-    _, wide, short, _, _ = node
-    k = node.speed / (wide * wide * short)
+    _, wide, short, _, _, _ = node
+    jerk = node.speed / (wide * wide)
+    k = jerk / short if short > 0.0 else 0.0
     x = 0.0
     u = 0.0
     a = 0.0
@@ -446,7 +463,7 @@ def _box(node: Node, out: Records[Interval]) -> int:
             s = k
         elif number == 2:
             s = -2.0 * k
-        j = 0.0 if number == 0 else (k * short if number < 3 else -k * short)
+        j = 0.0 if number == 0 else (jerk if number < 3 else -jerk)
         out[number] = Interval(T, x, u, a, j, s)
         x = x + way(u, a, j, s, T)
         u, a = cubic(u, a, j, s, T), a + T * (j + 0.5 * T * s)
@@ -458,8 +475,8 @@ def _ramps(stretch: LineStretch, peak: float) -> Ramps:
     """Return the ramps of a stretch with this peak speed."""
     _, _, A, J, S, head, tail = stretch
     return Ramps(
-        boxcars(peak - head.speed, A, head.jerk_share * J, head.snap_share * S),
-        boxcars(peak - tail.speed, A, tail.jerk_share * J, tail.snap_share * S),
+        boxcars(peak - head.speed, A, min(head.jerk, head.jerk_share * J), head.snap_share * S),
+        boxcars(peak - tail.speed, A, min(tail.jerk, tail.jerk_share * J), tail.snap_share * S),
     )
 
 
@@ -699,9 +716,16 @@ def bump(
     best = quickest
     ours = 0.0
     reached = 0.0
-    for shape in range(4):
+    for shape in range(6):
         # ramps and bump add up on some axes and cancel on others: with less jerk for the ramps the bump may be faster
         share = 1.0 if shape == 0 else (0.93 if shape == 1 else (0.85 if shape == 2 else 0.7))
+        # where the jerk is loose the accelerations add up: ramps that rise over a part of the bump leave it more
+        rises = 0.0
+        if shape >= 4:
+            if one.acceleration * fastest > _RISES * one.jerk * 6.0 * near:
+                break
+            share = 1.0
+            rises = 0.25 if shape == 4 else 0.5
         low = reached  # slower ramps require a higher speed in the corner
         high = fastest
         above = 1.0  # largest share of a limit at `high`; 1 if unknown
@@ -710,9 +734,9 @@ def bump(
         v = fastest
         for again in range(_TRIES):
             # the snap of a bump is twice its jerk over s: at the limit of the jerk half of that of the snap
-            w, short = width(near / v, 4.0 * one.jerk / one.snap)
+            w, short = width(near / v, 4.0 * one.jerk / one.snap if one.snap < 1e299 else 0.0)
             # the snaps of ramp and bump add up in the corner
-            node = Node(v, w, short, share, 0.5)
+            node = Node(v, w, short, share, 0.5, one.acceleration / (rises * w) if rises > 0.0 else 1e300)
             one = one._replace(tail=node)
             two = two._replace(head=node)
             good = False
@@ -758,8 +782,10 @@ def bump(
             if above > 1.0 and more > above:
                 cubes = high * high * high
                 cubes = cubes - (above - 1.0) * (farther - cubes) / (more - above)
-                if cubes > 0.0:
-                    v = min(max(cube_root(cubes), (1.0 + 0.9 * _NEAR) * low), v)
+                # where the acceleration is at its limit, which grows as v², the secant falls far below
+                secant = cube_root(cubes) if cubes > 0.0 else 0.0
+                if secant >= low + _SECANT * (high - low):
+                    v = min(max(secant, (1.0 + 0.9 * _NEAR) * low), v)
             elif above > 1.0 and again == 0:
                 v = high / cube_root(above)
                 if v <= 0.9 * low:

@@ -6,7 +6,7 @@ simultaneously (`spline`).  The result, in time intervals of constant snap, is u
 and is faster; otherwise the original plan is kept.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import cast
 
 import numpy as np
@@ -20,6 +20,7 @@ from feeddrive.path.motion import (
     Part,
     Pieces,
     cubic,
+    derivatives,
     one_after_the_other,
     part_of_pieces,
     way,
@@ -30,19 +31,28 @@ from feeddrive.path.schedule.ramp import Slopes
 from feeddrive.path.schedule.spline import Basis, Points, Rates, Reached, Room, State
 
 # less reserve fails more proofs and costs more rounds, more reserve costs time of the motion
-SHARES = (1.0 - 1e-4, 0.98, 0.975, 0.94)  # of the limits, at the points: the rest is for the motion between them
+SHARES = (1.0 - 1e-4, 0.995, 0.99, 0.98)  # of the limits, at the points: the rest is for the motion between them
 _FINE = 7.0  # number of spans in the duration of half a ramp
-_HALF = 4  # number of time intervals in half a ramp: all those of the shortest one
+# half a ramp as a number of time intervals and their share, with limits of jerk and snap, without one of snap, and
+# without both: a ramp then has 6 or 7 intervals, 2 or 3, or 1
+_HALF = ((4, 1.0), (1, 1.0), (1, 0.5))
 # some time intervals exist only due to rounding: their length must not set that of the spans
 _FINEST = 0.02  # of the mean duration of time intervals
+_LEAST_SPAN = 1e-9  # s: a first phase of the duration of rounding must not set the first span
+_HIDDEN = 0.1  # of the spans: shorter time intervals do not show in the spline
 _TURNS = 0.15  # largest duration of a span relative to u'/|u''|
-# from rest z = u'² grows as u^1.5, which no cubic spline follows
-_NEAR_REST = 0.8  # of the first phase from rest, and of the last one to rest, remains unchanged
+# from rest z = u'² grows as u^1.5, which no cubic spline follows: beyond, spans of growing length do
+_NEAR_REST = 0.1  # of the first phase from rest, and of the last one to rest, remains unchanged
+_AT_REST = 0.003  # of half a ramp from rest is not optimized at least, as the first phase may hardly move
+# the state behind such a beginning is given: at the limit itself no spline could start
+_AT_ENDS = np.array([0.97, 0.97, 0.97, 0.998])  # usable shares of the limits of velocity to snap there
+_ORDERS = 1.0 / np.arange(1, 5)  # a motion that takes f times as long has 1/f .. 1/f⁴ of the derivatives
+_BLENDED = 30  # number of coefficients over which the first spline takes up such a change of speed
 _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
 _STEPS = 40
-# a final penalty of 0.01 would save a fifth of the computation, but motions would take 0.4 % longer
-_PENALTIES = (0.4, 0.1, 3e-3)  # initially, at the start of each round, and finally
+# a final penalty of 3e-3 would make motions 0.1 % faster and the computation 5 % longer
+_PENALTIES = (0.1, 0.01, 5e-3)  # initially, at the start of each round, and finally
 _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
 _ASIDE = 16  # number of spans on either side of such a point that are optimized again
@@ -86,12 +96,12 @@ class Lifter:
             # an estimate, not a bound: lifting 1,908 ramps gained at most 0.69 of it
             if path.gain(motion, first, last) < _LITTLE * _around_time(motion, first, last):
                 continue
-            lifted = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
+            lifted, kept = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
             if lifted is not None:
                 motions += [_some(motion, come, first), lifted]
                 come = last
                 if last == n and not ends:
-                    self._spans = len(lifted.duration) - begins  # it goes on
+                    self._spans = len(lifted.duration) - kept  # it goes on
             else:
                 waiting += _halves(motion, first, last)
         motions.append(_some(motion, come, n))
@@ -109,6 +119,7 @@ class _Path:
         n, axes = len(pieces.length), len(limits)
         self._pieces, self._limits = pieces, limits
         self._begin = np.concatenate([[0.0], np.cumsum(pieces.length)])
+        self._unlimited = int(np.max(np.sum(np.isinf(limits[:, 2:]), axis=1)))  # of jerk and snap
         self.top = np.zeros(n)
         spline.tops(pieces, limits, self.top, rows_for(Slopes, axes))
 
@@ -121,30 +132,68 @@ class _Path:
         room = rows_for(Derivatives, len(self._limits))
         return spline.ramp_gain(self._pieces, self._limits, motion, first, last, room)
 
-    def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> Motion | None:
+    def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> tuple[Motion | None, int]:
         """Return a faster, proven motion between the same states, or None; it may begin or end at rest.
 
-        The first `spans` time intervals are already spans of an earlier spline.
+        The first `spans` time intervals are already spans of an earlier spline.  The second result is the number of
+        time intervals at the start that remain unchanged.
         """
         if len(motion.duration) <= _HUMP and np.all(self._pieces.kind[motion.piece[0] : motion.piece[-1] + 1] == LINE):
-            return None  # on a line it is already time-optimal
+            return None, 0  # on a line it is already time-optimal
         lengths = self._pieces.length
+        first, last = 0, len(motion.duration)
         if begins:
-            motion = _divided(motion, 0, _NEAR_REST * float(motion.duration[0]), lengths)
-        n = len(motion.duration)
+            k, t = self._near_rest(motion.duration)
+            motion = _divided(motion, k, t, lengths)
+            first, last = k + 1, last + 1
         if ends:
-            motion = _divided(motion, n - 1, (1.0 - _NEAR_REST) * float(motion.duration[n - 1]), lengths)
-        first, last = int(begins), n
-        lifted = self._between(_some(motion, first, last), _end(_some(motion, last - 1, last)), spans)
+            k, t = self._near_rest(motion.duration[::-1])
+            last -= k
+            motion = _divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
+        head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
+        factors = self._factor(head), self._factor(tail)
+        lifted = self._between(_some(motion, first, last), _end(_some(motion, last - 1, last)), spans, factors)
         if lifted is None:
-            return None
-        return _one([_some(motion, 0, first), lifted, _some(motion, last, len(motion.duration))])
+            return None, 0
+        lifted = _one([_slowed(head, factors[0]), lifted, _slowed(tail, factors[1])])
+        return (lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else (None, 0)
 
-    def _between(self, motion: Motion, end: State, spans: int) -> Motion | None:
-        """Return a faster, proven motion, as `lifted` does, for a motion that is at rest at neither end; `end` is
-        u' .. u''' at the end of the motion.
+    def _near_rest(self, duration: np.ndarray) -> tuple[int, float]:
+        """Return the time interval, and the time within it, up to which a motion from rest is not optimized."""
+        ends = np.cumsum(duration[: 4 - self._unlimited])
+        # without a limit of the snap the first phase is no small part of the ramp
+        t = max(0.0 if self._unlimited else _NEAR_REST * float(duration[0]), _AT_REST * float(ends[-1]))
+        k = int(np.searchsorted(ends, t))
+        return k, t - float(ends[k - 1]) if k else t
+
+    def _factor(self, motion: Motion) -> float:
+        """Return the factor >= 1 by which the time of a motion from or to rest must grow to leave some reserve of each
+        limit along the path.
+        """
+        if not len(motion.duration):
+            return 1.0
+        pieces, p, r = self._pieces, int(motion.piece[-1]), rows_for(Derivatives, len(self._limits))
+        derivatives(int(pieces.kind[p]), float(pieces.length[p]), pieces.shape[p], float(motion.x[-1]), r)
+        slopes = np.maximum(np.abs(np.asarray(by_field(Derivatives, r).first)), 1e-200)
+        along = np.min(self._limits / slopes[:, None], axis=0)
+        along[0] = min(along[0], self.top[p])
+        states = np.abs([*zip(*motion[3:6], strict=True), _end(_some(motion, -1, len(motion.duration)))])
+        most = np.append(states.max(axis=0), np.max(np.abs(motion.snap)))
+        return max(1.0, float(np.max((most / (_AT_ENDS * along)) ** _ORDERS)))
+
+    def _between(self, motion: Motion, end: State, spans: int, factors: Sequence[float]) -> Motion | None:
+        """Return a proven motion between the same states, or None, for a motion that is at rest at neither end; `end`
+        is u' .. u''' at its end.
+
+        Both states are those of a motion that takes longer by one of the two factors.
         """
         time, knots, coefficient = self._spline(motion, end, spans)
+        if min(factors) != 1.0 or max(factors) != 1.0:
+            # the three coefficients at either end are those of one state
+            k, n = np.arange(len(coefficient)), len(coefficient)
+            blended = min(_BLENDED, (n - 6) // 2)
+            for from_end, factor in zip((k, n - 1 - k), factors, strict=True):
+                coefficient *= np.interp(from_end, [2, 2 + blended], [factor**-2, 1.0])
         if np.any(np.diff(knots[3:-3]) <= 0.0):
             return None  # time intervals without motion except for rounding
         n = len(time) - 1
@@ -152,7 +201,8 @@ class _Path:
         begins, goes_on, ends = _PENALTIES
         if _quicker(looked, coefficient, begins, goes_on, 0, n):
             return None
-        starts = State(motion.speed[0], motion.acceleration[0], motion.jerk[0])
+        starts = _slower(State(motion.speed[0], motion.acceleration[0], motion.jerk[0]), factors[0])
+        end = _slower(end, factors[1])
         timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
         more = rows_for(State, n + 1), np.zeros((2 * _TOGETHER, 4))
         tried, new = coefficient.copy(), [(0, n)]
@@ -170,7 +220,7 @@ class _Path:
                 return None  # it moves backwards between the evaluated points
             faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
-                return timed if np.sum(timed.duration) < np.sum(motion.duration) else None
+                return timed
             for _, where, _, which, _ in faults:
                 # a jump or a backward motion, which lower limits would not remove
                 if which < -1:
@@ -199,13 +249,19 @@ class _Path:
         states at both ends.
         """
         n = len(motion.duration)
-        wide = min(_HALF, n)
+        wide, share = _HALF[self._unlimited]
+        wide = min(wide, n)
         sums = np.convolve(motion.duration, np.ones(wide), "valid")
         padded = np.concatenate([np.full(wide - 1, np.inf), sums, np.full(wide - 1, np.inf)])
-        step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (1.0 / _FINE)
+        step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (share / _FINE)
         step[:spans] = motion.duration[:spans]
-        step = np.maximum(step, _FINEST * np.mean(motion.duration))
+        finest = _FINEST * float(np.mean(motion.duration))
+        step = np.maximum(step, finest)
         edge = np.concatenate([step[:1], np.minimum(step[1:], step[:-1]), step[-1:]])
+        # the states at the ends fix three coefficients, so that a span must not be longer than the phase it lies in
+        if not spans:
+            edge[0] = min(edge[0], max(float(motion.duration[0]), _LEAST_SPAN))
+        edge[-1] = min(edge[-1], max(float(motion.duration[-1]), _LEAST_SPAN))
         speed, acceleration = np.append(motion.speed, end.speed), np.append(motion.acceleration, end.acceleration)
         edge = np.minimum(edge, _TURNS * speed / np.maximum(np.abs(acceleration), 1e-300))
         spline.graded(motion.duration, edge)
@@ -223,7 +279,18 @@ class _Path:
         at[:3], at[-3:] = 0, len(u) - 1
         p, q, r = (np.lib.stride_tricks.sliding_window_view(knots[1:-1], 3) - u[at][:, None]).T
         v, a, j = v[at], a[at], j[at]
-        return time, knots, v * v + 2.0 / 3.0 * a * (p + q + r) + j / (3.0 * v) * (p * q + q * r + r * p)
+        coefficient = v * v + 2.0 / 3.0 * a * (p + q + r) + j / (3.0 * v) * (p * q + q * r + r * p)
+        # beyond a time interval much shorter than the spans its Taylor form does not hold: there Schoenberg's
+        # approximation, whose coefficients are u'² at the mean of the three knots, which overshoots nowhere
+        m = np.minimum(np.searchsorted(np.cumsum(motion.duration), time, side="right"), n - 1)
+        spacing = np.diff(time)
+        hidden = motion.duration[m] < _HIDDEN * np.minimum(np.append(spacing, np.inf), np.append(np.inf, spacing))
+        hidden = hidden[at]
+        hidden[:3] = hidden[-3:] = False
+        if np.any(hidden):
+            means = np.mean(np.lib.stride_tricks.sliding_window_view(knots[1:-1], 3), axis=1)
+            coefficient = np.where(hidden, np.interp(means, u, sampled.T[1] ** 2), coefficient)
+        return time, knots, coefficient
 
     def _points(self, time: np.ndarray, knots: np.ndarray) -> Points:
         pieces, axes = self._pieces, len(self._limits)
@@ -324,7 +391,11 @@ def _rests(motion: Motion) -> np.ndarray:
     """
     last = len(motion.duration) - 1
     speed = np.append(motion.speed, _end(_some(motion, last, last + 1)).speed)
-    return speed <= _RESTS * np.max(speed)
+    slow = speed <= _RESTS * np.max(speed)
+    # the first phase from rest, and the last one to rest, may be so short that they hardly move
+    slow[0] = slow[0] and (motion.speed[0] == 0.0 or motion.acceleration[0] == 0.0)
+    slow[1:-1] &= (speed[1:-1] < speed[:-2]) & (speed[1:-1] < speed[2:])
+    return slow
 
 
 def _some(motion: Motion, first: int, last: int) -> Motion:
@@ -340,6 +411,17 @@ def _end(motion: Motion) -> State:
     """Return u' .. u''' at the end of a motion of a single time interval."""
     (t,), _, _, (v,), (a,), (j,), (s,) = motion
     return State(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s)
+
+
+def _slowed(motion: Motion, factor: float) -> Motion:
+    """Return a motion along the same path that takes `factor` times as long."""
+    duration, piece, x, v, a, j, s = motion
+    return Motion(duration * factor, piece, x, v / factor, a / factor**2, j / factor**3, s / factor**4)
+
+
+def _slower(state: State, factor: float) -> State:
+    """Return the state of such a motion."""
+    return State(state.speed / factor, state.acceleration / factor**2, state.jerk / factor**3)
 
 
 def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:

@@ -22,11 +22,13 @@ from feeddrive.path.schedule.ramp import (
     Cap,
     Path,
     Ramp,
+    acceleration_before,
     boxcars,
     duration,
     fit,
     jerk_before,
     phase,
+    ramp_jerk,
     speed_at,
     straight,
 )
@@ -601,14 +603,14 @@ def _phases(
 ) -> tuple[int, float]:
     """Append the phases of a ramp that begins at u; return the new count, and u at its end."""
     rise = peak - low
-    if rise <= 0.0 or ramp.L1 <= 0.0:
+    if rise <= 0.0 or ramp.L3 <= 0.0:
         return count, u
     p = piece_at(begin, u, True)
     v = low if up else peak
     a = 0.0
     j = 0.0
     sense = 1.0 if up else -1.0
-    jerk_most = rise / (ramp.L2 * ramp.L3)
+    jerk_most = ramp_jerk(rise, ramp)
     for number in range(7):
         T, s = phase(number, rise, ramp)
         s = sense * s
@@ -619,6 +621,7 @@ def _phases(
             u = u + T * (v + T * (0.5 * a + T * (j / 6.0 + T * s / 24.0)))
             v = v + T * (a + T * (0.5 * j + T * s / 6.0))
             a = a + T * (j + 0.5 * T * s)
+        a = sense * acceleration_before(number + 1, rise, ramp, sense * a)
         # in closed form, so that rounding does not accumulate
         j = sense * jerk_before(number + 1, jerk_most)
     return count, u

@@ -11,6 +11,8 @@ A ramp is a step smoothed by three boxcars, so that the snap is piecewise consta
 
 It begins and ends with u'' = u''' = 0.  Its jerk is at most rise/(L2 L3), its acceleration rise/L3, its snap
 rise/(L1 L2 L3), and it covers the distance (low + high)/2 · (L1 + L2 + L3).  A ramp down is a time-reversed ramp up.
+Without a limit of the snap L1 is 0, and the jerk is piecewise constant; without a limit of the jerk as well L2 is 0,
+and the acceleration is constant.
 
 Source: Lambrechts, Boerlage & Steinbuch 2005, whose fourth-order profile is two such ramps.
 """
@@ -26,8 +28,14 @@ from feeddrive.path.motion import Limits, Piece, Pieces, arc_axis, cubic, line_w
 
 # so that a bound still holds after rounding
 _WIDER = 1.0 + 1e-13
+# `straight` starts its minima at 1e300, as kernels have no infinity
+_NO_LIMIT = 1e299
 # caps at one feed differ by the rounding of |r'|, and a ramp between them would cost time for nothing
 _LEVEL = 1.001  # largest ratio of the caps of neighbors that are made equal
+
+
+# lifting begins and ends on plateaus: at the limit itself no spline could start (`_TOUCHES` in `spline`, in speeds)
+_BELOW = 1.0 - 6e-7
 
 
 class Slopes(NamedTuple):
@@ -206,7 +214,10 @@ def pieces_room(
     for p in range(n):
         norm = bounds(Piece(pieces.kind[p], pieces.length[p], pieces.shape[p]), most[p])
         feed = pieces.feed[p] * factor
-        caps[p] = Cap(speed_cap(most[p], norm, feed, limits, cruise), speed_cap(most[p], norm, feed, limits, crossing))
+        caps[p] = Cap(
+            _BELOW * speed_cap(most[p], norm, feed, limits, cruise),
+            _BELOW * speed_cap(most[p], norm, feed, limits, crossing),
+        )
     first = 0
     low = 0.0
     high = 0.0
@@ -272,13 +283,20 @@ def duration(ramp: Ramp) -> float:
 
 @kernel
 def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> Ramp:
-    """Return the shortest ramp for a change of speed, m/s.
+    """Return the shortest ramp for a change of speed, m/s; a jerk or snap from 1e299 on is not limited.
 
     L1 = min(J/S, √(A/S), ∛(dv/2S)),  L2 = min(A/(S L1), L with S L1 L (L1 + L) = dv),  L3 = dv/(S L1 L2)
+
+    Without a limit of the snap L1 = 0, L2 = min(A/J, √(dv/J)), L3 = dv/(J L2), and without both L2 = 0, L3 = dv/A.
     """
     rise = abs(step)
     if rise == 0.0:
         return NO_RAMP
+    if snap >= _NO_LIMIT:
+        if jerk >= _NO_LIMIT:
+            return Ramp(0.0, 0.0, rise / acceleration)
+        second = min(acceleration / jerk, sqrt(rise / jerk))
+        return Ramp(0.0, second, rise / (jerk * second))
     # full snap, unless jerk, acceleration or the step of speed itself ends the first boxcar earlier
     first = min(jerk / snap, sqrt(acceleration / snap), cube_root(rise / (2.0 * snap)))
     reached = snap * first
@@ -292,7 +310,7 @@ def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> Ramp:
 def phase(number: int, rise: float, ramp: Ramp) -> tuple[float, float]:
     """Return the duration and snap of one of the seven phases of a ramp up."""
     L1, L2, L3 = ramp
-    snap = rise / (L1 * L2 * L3)
+    snap = rise / (L1 * L2 * L3) if L1 > 0.0 else 0.0
     if number == 0 or number == 6:
         return L1, snap
     if number == 2 or number == 4:
@@ -300,6 +318,20 @@ def phase(number: int, rise: float, ramp: Ramp) -> tuple[float, float]:
     if number == 1 or number == 5:
         return L2 - L1, 0.0
     return max(L3 - L1 - L2, 0.0), 0.0
+
+
+@kernel
+def ramp_jerk(rise: float, ramp: Ramp) -> float:
+    """Return the largest jerk of a ramp, or 0 if its acceleration jumps."""
+    return rise / (ramp.L2 * ramp.L3) if ramp.L2 > 0.0 else 0.0
+
+
+@kernel
+def acceleration_before(number: int, rise: float, ramp: Ramp, before: float) -> float:
+    """Return the acceleration at the start of a phase of a ramp up: that `before`, unless it jumps."""
+    if ramp.L2 > 0.0:
+        return before
+    return rise / ramp.L3 if number == 3 else 0.0
 
 
 @kernel
@@ -320,7 +352,7 @@ def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
     whole = (low + 0.5 * rise) * duration(ramp)
     if far >= whole:
         return low + rise
-    jerk = rise / (ramp.L2 * ramp.L3)
+    jerk = ramp_jerk(rise, ramp)
     v = low
     a = 0.0
     j = 0.0
@@ -334,7 +366,7 @@ def speed_at(far: float, low: float, rise: float, ramp: Ramp) -> float:
             return min(low + rise, (v + t * (a + t * (0.5 * j + t * s / 6.0))) * (1.0 + 1e-12))
         gone = gone + step
         v = v + T * (a + T * (0.5 * j + T * s / 6.0))
-        a = a + T * (j + 0.5 * T * s)
+        a = acceleration_before(number + 1, rise, ramp, a + T * (j + 0.5 * T * s))
         j = jerk_before(number + 1, jerk)
     return low + rise
 
@@ -414,7 +446,7 @@ def lacking(
     A result above `enough` is only a lower bound.
     """
     L1, L2, L3 = ramp
-    jerk = rise / (L2 * L3)
+    jerk = ramp_jerk(rise, ramp)
     whole = (low + 0.5 * rise) * (L1 + L2 + L3)
     p = first
     number = 0
@@ -441,8 +473,8 @@ def lacking(
                 break
             gone = gone + step
             v = cubic(v, a, j, s, lasts)
-            a = a + lasts * (j + 0.5 * lasts * s)
             number = number + 1
+            a = acceleration_before(number, rise, ramp, a + lasts * (j + 0.5 * lasts * s))
             j = jerk_before(number, jerk)
             lasts, s = phase(number, rise, ramp)
             step = way(v, a, j, s, lasts)

@@ -34,6 +34,10 @@ _NEARER = 0.1  # least part of the distance to a limit that a step must leave
 _FALL = 0.25  # factor of the penalty per step
 _HALVINGS = 12  # largest number of halvings of a step
 _NOT_FORWARD = 1e300  # share returned where u'² is not positive
+SPEEDS = 1
+"""The limits of the feed and of velocity to jerk, in `Points.looks`."""
+SNAP = 2
+"""The limits of snap, in `Points.looks`."""
 
 
 class Weights(NamedTuple):
@@ -86,7 +90,7 @@ class Points(NamedTuple):
     row     `basis` there
     r       derivatives of each axis, (n, N)
     most    largest z that the velocity limits and the feed allow
-    full    0 if only q'''' is evaluated
+    looks   the limits evaluated there: `SPEEDS`, `SNAP` or their sum
     weight  weight of the penalties, s
     away    weight of the time, m
     """
@@ -95,7 +99,7 @@ class Points(NamedTuple):
     row: Records[Basis]
     r: Records2[Rates]
     most: Floats
-    full: Ints
+    looks: Ints
     weight: Floats
     away: Floats
 
@@ -160,21 +164,23 @@ def _penalty(g: float, loose: float) -> tuple[float, float]:
 
 
 @kernel
-def shares(z: Square, r: Records[Rates], most: float, full: bool) -> float:
+def shares(z: Square, r: Records[Rates], most: float, looks: int) -> float:
     """Return the largest utilization of a limit at a point."""
     if z.z <= 0.0:
         return _NOT_FORWARD
     z0, z1, z2, z3 = z
     root = sqrt(z0)
-    largest = z0 / most if full else 0.0
+    speeds = looks != SNAP
+    largest = z0 / most if speeds else 0.0
     for i in range(len(r)):
         a1, a2, j1, j2, j3, s1, s2, s3, s4 = r[i]
-        if full:
+        if speeds:
             largest = max(largest, abs(a2 * z0 + 0.5 * a1 * z1))
             largest = max(largest, abs(root * (j3 * z0 + 1.5 * j2 * z1 + 0.5 * j1 * z2)))
-        snap = s4 * z0 * z0 + 3.0 * s3 * z0 * z1
-        snap = snap + s2 * (0.75 * z1 * z1 + 2.0 * z0 * z2)
-        largest = max(largest, abs(snap + s1 * (0.25 * z1 * z2 + 0.5 * z0 * z3)))
+        if looks != SPEEDS:
+            snap = s4 * z0 * z0 + 3.0 * s3 * z0 * z1
+            snap = snap + s2 * (0.75 * z1 * z1 + 2.0 * z0 * z2)
+            largest = max(largest, abs(snap + s1 * (0.25 * z1 * z2 + 0.5 * z0 * z3)))
     return largest
 
 
@@ -199,7 +205,7 @@ class Quadratic(NamedTuple):
 
 @kernel
 def _expanded(
-    z: Square, r: Records[Rates], most: float, full: bool, loose: float, weight: float, away: float
+    z: Square, r: Records[Rates], most: float, looks: int, loose: float, weight: float, away: float
 ) -> Quadratic:
     """Return gradient and Hessian of time and penalties at a point; `weight` multiplies the penalties, and `away` (m)
     the time.
@@ -220,15 +226,16 @@ def _expanded(
     b22 = 0.0
     b23 = 0.0
     b33 = 0.0
-    if full:
+    speeds = looks != SNAP
+    if speeds:
         gap = most * loose - z0
         d0 = d0 + weight / gap
         b00 = b00 + weight / (gap * gap)
     for i in range(len(r)):
         a1, a2, j1, j2, j3, s1, s2, s3, s4 = r[i]
-        if a1 == 0.0 and a2 == 0.0 and s3 == 0.0 and s4 == 0.0:
+        if a1 == 0.0 and a2 == 0.0 and j3 == 0.0 and s3 == 0.0 and s4 == 0.0:
             continue  # the axis does not move
-        if full:
+        if speeds:
             g0 = a2
             g1 = 0.5 * a1
             # second derivatives of g are omitted (Gauss-Newton), so that the Hessian stays positive definite
@@ -255,31 +262,32 @@ def _expanded(
             b11 = b11 + h1 * g1
             b12 = b12 + h1 * g2
             b22 = b22 + weight * second * g2 * g2
-        snap = s4 * z0 * z0 + 3.0 * s3 * z0 * z1
-        snap = snap + s2 * (0.75 * z1 * z1 + 2.0 * z0 * z2)
-        snap = snap + s1 * (0.25 * z1 * z2 + 0.5 * z0 * z3)
-        g0 = 2.0 * s4 * z0 + 3.0 * s3 * z1 + 2.0 * s2 * z2 + 0.5 * s1 * z3
-        g1 = 3.0 * s3 * z0 + 1.5 * s2 * z1 + 0.25 * s1 * z2
-        g2 = 2.0 * s2 * z0 + 0.25 * s1 * z1
-        g3 = 0.5 * s1 * z0
-        first, second = _penalty(snap, loose)
-        d0 = d0 + weight * first * g0
-        d1 = d1 + weight * first * g1
-        d2 = d2 + weight * first * g2
-        d3 = d3 + weight * first * g3
-        h0 = weight * second * g0
-        h1 = weight * second * g1
-        h2 = weight * second * g2
-        b00 = b00 + h0 * g0
-        b01 = b01 + h0 * g1
-        b02 = b02 + h0 * g2
-        b03 = b03 + h0 * g3
-        b11 = b11 + h1 * g1
-        b12 = b12 + h1 * g2
-        b13 = b13 + h1 * g3
-        b22 = b22 + h2 * g2
-        b23 = b23 + h2 * g3
-        b33 = b33 + weight * second * g3 * g3
+        if looks != SPEEDS:
+            snap = s4 * z0 * z0 + 3.0 * s3 * z0 * z1
+            snap = snap + s2 * (0.75 * z1 * z1 + 2.0 * z0 * z2)
+            snap = snap + s1 * (0.25 * z1 * z2 + 0.5 * z0 * z3)
+            g0 = 2.0 * s4 * z0 + 3.0 * s3 * z1 + 2.0 * s2 * z2 + 0.5 * s1 * z3
+            g1 = 3.0 * s3 * z0 + 1.5 * s2 * z1 + 0.25 * s1 * z2
+            g2 = 2.0 * s2 * z0 + 0.25 * s1 * z1
+            g3 = 0.5 * s1 * z0
+            first, second = _penalty(snap, loose)
+            d0 = d0 + weight * first * g0
+            d1 = d1 + weight * first * g1
+            d2 = d2 + weight * first * g2
+            d3 = d3 + weight * first * g3
+            h0 = weight * second * g0
+            h1 = weight * second * g1
+            h2 = weight * second * g2
+            b00 = b00 + h0 * g0
+            b01 = b01 + h0 * g1
+            b02 = b02 + h0 * g2
+            b03 = b03 + h0 * g3
+            b11 = b11 + h1 * g1
+            b12 = b12 + h1 * g2
+            b13 = b13 + h1 * g3
+            b22 = b22 + h2 * g2
+            b23 = b23 + h2 * g3
+            b33 = b33 + weight * second * g3 * g3
     return Quadratic(d0, d1, d2, d3, b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
 
 
@@ -335,7 +343,7 @@ def _system(points: Points, mu: float, coefficient: Floats, room: Room) -> int:
                 z,
                 points.r[p],
                 points.most[p],
-                points.full[p] == 1,
+                points.looks[p],
                 room.loose[p],
                 mu * points.weight[p],
                 points.away[p],
@@ -452,7 +460,7 @@ def quickest(points: Points, coefficient: Floats, penalty: float, last: float, s
     above = 0
     for p in range(len(points.span)):
         z = at(points.row[p], coefficient, points.span[p])
-        share[p] = shares(z, points.r[p], points.most[p], points.full[p] == 1)
+        share[p] = shares(z, points.r[p], points.most[p], points.looks[p])
         if share[p] >= _NOT_FORWARD:
             return 1
     for _ in range(steps):
@@ -478,7 +486,7 @@ def quickest(points: Points, coefficient: Floats, penalty: float, last: float, s
             good = True
             for p in range(len(points.span)):
                 z = at(points.row[p], room.tried, points.span[p])
-                share[p] = shares(z, points.r[p], points.most[p], points.full[p] == 1)
+                share[p] = shares(z, points.r[p], points.most[p], points.looks[p])
                 if share[p] > loose[p]:
                     good = False
                     break
@@ -516,8 +524,10 @@ def tightened(points: Points, first: int, last: int, axis: int, which: int, fact
 
 
 GRADE = 0.1  # largest change of the span duration relative to the duration
+_FALLS = 0.1  # of the duration: within it the usable share of the velocity falls from 1
 _NEAR = 0.998  # usable share of a limit near the ends
-POINTS = 2  # number of points of a span per path piece
+POINTS = 3  # number of points of a span per path piece
+_SIMPSON = 1.0 / 6.0  # weight of either end of a span in its time; the middle has the rest
 
 
 @kernel
@@ -560,7 +570,8 @@ def ramp_gain(
     """
     lasts = 0.0
     for m in range(first, last):
-        if m > first and motion.acceleration[m] == 0.0 and motion.jerk[m] == 0.0:
+        # a node, at which the jerk may jump, or the acceleration
+        if m > first and (motion.acceleration[m] == 0.0 or motion.acceleration[m] * motion.acceleration[m - 1] < 0.0):
             return 1e300
         lasts = lasts + motion.duration[m]
     begin = interval_of(motion, first)
@@ -672,9 +683,11 @@ def points(
 ) -> int:
     """Write the points that `quickest` evaluates; return their number.
 
-    They are the start and the end of the part of each span that lies on each path piece.
+    They are the start, the middle and the end of the part of each span that lies on each path piece.  At the end only
+    the snap is evaluated, as it differs from that at the start of the next span.
 
-    At the end of a span only the snap is evaluated, which differs from that at the start of the next.
+    The middles are needed for the acceleration: u'' = z'/2 is a quadratic spline, whose values at the knots leave one
+    mode free, z' = 0 at every knot with z'' of alternating sign.  They determine it together with the middles.
 
     begin   u at the start of each path piece
     top     largest speed that feed and velocity limits allow on each piece
@@ -684,6 +697,7 @@ def points(
     count = 0
     p = 0
     n = len(time) - 1
+    whole = time[n]
     for k in range(n):
         # the given states at the ends use the limits almost fully: smaller shares would be violated from the start
         near = k < 3 or k >= n - 3
@@ -699,13 +713,15 @@ def points(
             length = pieces.length[p]
             e = min(ends, begin[p + 1]) if p + 1 < len(pieces.length) else ends
             for place in range(POINTS):
-                here = x if place == 0 else e
+                here = x if place == 0 else (e if place == 2 else 0.5 * (x + e))
                 out.span[count] = k
                 out.row[count] = basis(knots, k, here)
                 derivatives(pieces.kind[p], length, pieces.shape[p], min(max(here - begin[p], 0.0), length), d)
-                out.most[count] = top[p] * top[p] * (1.0 if near else shares.velocity * shares.velocity)
-                out.full[count] = 1 if place == 0 else 0
-                out.away[count] = 0.5 * (e - x)
+                # full at the ends, where the plan may be at the top speed already, and falling no faster than it can
+                far = min(time[k], whole - time[k + 1]) / (_FALLS * whole)
+                out.most[count] = top[p] * top[p] * (1.0 - 2.0 * (1.0 - shares.velocity) * min(1.0, far * far))
+                out.looks[count] = SPEEDS + SNAP if place == 0 else (SNAP if place == 2 else SPEEDS)
+                out.away[count] = (e - x) * (1.0 - 2.0 * _SIMPSON if place == 1 else _SIMPSON)
                 for i in range(len(limits)):
                     _, r1, r2, r3, r4 = d[i]
                     a = limits[i].acceleration * a_share
@@ -716,7 +732,7 @@ def points(
             x = e
         for c in range(first, count):
             out.weight[c] = (time[k + 1] - time[k]) / (count - first)
-    out.full[0] = 0  # the state at the start is given
+    out.looks[0] = SNAP  # the state at the start is given
     return count
 
 
