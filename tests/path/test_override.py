@@ -17,7 +17,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.path.motion import Motion, Pause, way
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof import Prover
-from feeddrive.path.schedule.run import Override, override, read_steps
+from feeddrive.path.schedule.override import Override, override, read_steps
 from feeddrive.path.setpoints import Sampler, planned
 
 # lines with a blend, a corner of 90 degrees, arcs, a cluster of chords, a traverse and a dwell

@@ -22,9 +22,8 @@ from feeddrive.path.limits import MachineLimits
 from feeddrive.path.motion import Derivatives, Motion, Part, Pause, Pieces, Section, chain, cubic, derivatives, way
 from feeddrive.path.program.moves import Arc, Move, Spline, Straight
 from feeddrive.path.proof import Prover
-from feeddrive.path.schedule.corner import Crossings
-from feeddrive.path.schedule.lift import Lifter
-from feeddrive.path.schedule.run import Override, Schedule
+from feeddrive.path.schedule.override import Overridden, Override
+from feeddrive.path.schedule.planner import Planner
 
 # planning twice takes twice the time, so longer chains are joined by geometry alone
 SHORT = 100  # largest number of segments of a chain that is planned in two ways
@@ -40,64 +39,40 @@ def planned(
 
     axes      letters of the machine's axes, in the order of `limits`
     limits    limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
-    override  feed override; with it motions are not lifted, so that the planned motion is final only a short time ahead
+    override  feed override
 
     Raises ProgramError as `chains` does.  The parts are planned but not proven: pass them to a `Prover`.
     """
-    joiner, schedule, crossings = Joiner(), Schedule(limits, override=override), Crossings(limits)
-    lifter = Lifter(limits) if override is None else None
+    joiner, planner = Joiner(), Planner(limits)
+    overridden = None if override is None else Overridden(limits, override)
     joints: deque[str] = deque()  # path modes of the undecided joints
     modes: deque[str] = deque()  # path modes at the ends of runs not yet yielded
-
-    def leaving(parts: Iterable[Part | Pause]) -> Iterator[Part | Pause]:
-        for part in parts:
-            if isinstance(part, Pause):
-                yield part
-                continue
-            # an overlap is contained in both runs, so that its time was counted twice
-            if part.entering is not None:
-                schedule.time -= float(part.motion.duration.sum())
-            yield part._replace(mode=modes.popleft()) if part.ends else part
-
     for segments in chains(moves, axes):
         if isinstance(segments, Pause):
-            schedule.time += segments.duration
+            if overridden is not None:
+                overridden.wait(segments.duration)
             yield segments
             continue
         # only a chain from rest to rest can be planned by itself, in either way
-        whole = _quicker(segments, limits) if lifter and joiner.rests and segments.ends else None
+        alone = joiner.rests and segments.ends
+        whole = _quicker(segments, limits, overridden.factor() if overridden else 1.0) if alone else None
         sections, joint = whole[:2] if whole else joiner.join(segments)
         joints.extend(segments.modes)
         for stop in joint.stop:
             mode = joints.popleft()
             if stop:
                 modes.append(mode)
-        yield from leaving(whole[2] if whole else _planned_along(sections, segments.ends, schedule, lifter, crossings))
+        if overridden is not None:
+            parts = overridden.along(sections, segments.ends, whole[2] if whole else None)
+        else:
+            parts = whole[2] if whole else planner.along(sections, segments.ends)
+        for part in parts:
+            yield part._replace(mode=modes.popleft()) if isinstance(part, Part) and part.ends else part
 
 
-def _planned_along(
-    sections: list[Section], ends: bool, schedule: Schedule, lifter: Lifter | None, crossings: Crossings
-) -> Iterator[Part | Pause]:
-    """Yield the parts that are final after these sections of a chain: all of them if it `ends`."""
-    for section in sections:
-        line = crossings.add_line(section) if lifter and schedule.rests else None
-        if line is not None:
-            yield from line
-            continue
-        for part in schedule.add(section):
-            if isinstance(part, Pause):
-                yield from crossings.end()
-                yield part
-                continue
-            for lifted in lifter.add(part) if lifter else (part,):
-                yield from crossings.add(lifted, section.tolerance)
-    if ends:
-        yield from crossings.end()
-
-
-def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, list[Part | Pause]] | None:
-    """Plan a short chain in two ways, once with splines and blends and once with overlapping runs at all corners;
-    return the faster plan.
+def _quicker(chain: Chain, limits: np.ndarray, factor: float) -> tuple[list[Section], Joint, list[Part]] | None:
+    """Plan a short chain at a feed factor in two ways, once with splines and blends and once with overlapping runs at
+    all corners; return the faster plan.
 
     The result is None if the chain is not short, or if both plans are identical.
     """
@@ -107,15 +82,12 @@ def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, li
     usual, in_time = Joiner().join(chain), Joiner(SMOOTH, 0.0).join(chain)
     if np.array_equal(usual[1].stop, in_time[1].stop):
         return None
-    whole = [
-        (*joined, list(_planned_along(joined[0], True, Schedule(limits), Lifter(limits), Crossings(limits))))
-        for joined in (usual, in_time)
-    ]
+    whole = [(*joined, list(Planner(limits, factor).along(joined[0], True))) for joined in (usual, in_time)]
     return min(whole, key=lambda candidate: _lasts(candidate[2]))
 
 
-def _lasts(parts: list[Part | Pause]) -> float:
-    return sum(float(part.motion.duration.sum()) for part in parts if isinstance(part, Part))
+def _lasts(parts: list[Part]) -> float:
+    return sum(float(part.motion.duration.sum()) for part in parts)
 
 
 @kernel

@@ -29,7 +29,7 @@ from feeddrive.path.planned import Planned, Take, planned_of
 from feeddrive.path.program.dialects import DialectName
 from feeddrive.path.program.moves import Ignored, Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
-from feeddrive.path.schedule.run import read_steps
+from feeddrive.path.schedule.override import read_steps
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 from feeddrive.report.machining_report import plan_report
 from feeddrive.report.page import html

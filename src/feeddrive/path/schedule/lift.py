@@ -130,10 +130,10 @@ class _Path:
             return None  # on a line it is already time-optimal
         lengths = self._pieces.length
         if begins:
-            motion = _divided(motion, 0, _NEAR_REST * float(motion.duration[0]), lengths)
+            motion = divided(motion, 0, _NEAR_REST * float(motion.duration[0]), lengths)
         n = len(motion.duration)
         if ends:
-            motion = _divided(motion, n - 1, (1.0 - _NEAR_REST) * float(motion.duration[n - 1]), lengths)
+            motion = divided(motion, n - 1, (1.0 - _NEAR_REST) * float(motion.duration[n - 1]), lengths)
         first, last = int(begins), n
         lifted = self._between(_some(motion, first, last), _end(_some(motion, last - 1, last)), spans)
         if lifted is None:
@@ -342,7 +342,7 @@ def _end(motion: Motion) -> State:
     return State(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s)
 
 
-def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
+def divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
     """Split time interval m after the time t, on a path with pieces of the given lengths."""
     T, p, x, v, a, j, s = (column[m] for column in motion)
     there = x + way(v, a, j, s, t)

@@ -259,38 +259,6 @@ def brake(path: Path, left: float, right: float, v0: float, v1: float) -> Stretc
     return stretch._replace(peak=0.0)
 
 
-@kernel
-def brake_soon(path: Path, left: float, stop: float, v0: float, v1: float) -> Stretch:
-    """Return a stretch from `left` that brakes from v0 > 0 to v1 in as short a distance as possible; if there is none,
-    the returned stretch has peak 0.
-
-    It ends no later than at `stop`.
-    """
-    bounds = straight(path.most[piece_at(path.begin, left, True)], path.limits)
-    ramp = boxcars(v0 - v1, bounds.acceleration, bounds.jerk, bounds.snap)
-    # slightly more than the closed form, which on a straight piece leaves nothing for rounding
-    way = 0.5 * (v0 + v1) * duration(ramp) * (1.0 + 1e-8)
-    low = 0.0
-    high = 0.0
-    stretch = Stretch(left, stop, v0, v1)
-    for _ in range(60):
-        high = min(way, stop - left)
-        stretch = brake(path, left, left + high, v0, v1)
-        if stretch.peak > 0.0 or way >= stop - left:
-            break
-        low = high
-        way = 1.3 * way
-    if stretch.peak == 0.0:
-        return stretch
-    while high - low > 1e-3 * high and low > 0.0:
-        middle = 0.5 * (low + high)
-        if brake(path, left, left + middle, v0, v1).peak > 0.0:
-            high = middle
-        else:
-            low = middle
-    return brake(path, left, left + high, v0, v1)
-
-
 _TRIES = 8  # number of slow pieces of a stretch that are tried as plateaus
 _HIGHEST, _LEAST = 16.0, 4.0  # speeds, relative to the plateau, up to which ramps on either side are compared
 # rounding must not move the end of a ramp to the piece behind a joint, for which it was not made
