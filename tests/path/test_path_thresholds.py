@@ -41,9 +41,9 @@ from feeddrive.path.program.reading import read_commands, read_program
 from feeddrive.path.proof import Prover, faults_of
 from feeddrive.path.schedule import lift, plan, ramp, spline
 from feeddrive.path.schedule.lift import Lifter
+from feeddrive.path.schedule.override import override
 from feeddrive.path.schedule.plan import timed
 from feeddrive.path.schedule.ramp import pieces_room
-from feeddrive.path.schedule.override import override
 from feeddrive.path.schedule.run import SHARES, Schedule, plan_run
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill, causes
 

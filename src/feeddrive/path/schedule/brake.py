@@ -1,10 +1,10 @@
 """The quickest braking from any state of a motion to a node with a given speed, or to rest.
 
-u'' goes from its present value to -A, stays there, and returns to 0.  Its changes are the quickest ones with |u'''| <= J
-and |u''''| <= S: the first with the bounds J1 and S1 from the present u''', the second with J2 and S2.  A is as large as
-the speed to be lost requires, at most A_max.  Where the path is straight, the bounds are those of the axes, and this is
-the time-optimal motion.  On other paths the utilization of the limits along the motion corrects each bound where it
-matters, until all limits are kept.  A proof decides.
+u'' goes from its present value to -A, stays there, and returns to 0.  Its changes are the quickest ones with
+|u'''| <= J and |u''''| <= S: the first with the bounds J1 and S1 from the present u''', the second with J2 and S2.  A
+is as large as the speed to be lost requires, at most A_max.  Where the path is straight, the bounds are those of the
+axes, and this is the time-optimal motion.  On other paths the utilization of the limits along the motion corrects each
+bound where it matters, until all limits are kept.  A proof decides.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Records, Records2, by_field, rows_for
+from feeddrive.language.kernels.source import Records, by_field, rows_for
 from feeddrive.path.motion import (
     Derivatives,
     Limits,
@@ -30,8 +30,10 @@ from feeddrive.path.motion import (
 from feeddrive.path.proof import faults_of
 
 _POINTS = 6  # in each time interval at which the limits are looked at, both ends included
-_PASSES = 24  # largest number of corrections of the bounds
+_AIMS = (0.996, 0.98, 0.93, 0.8)  # utilization of the limits at these points: less where the proof fails between them
+_PASSES = 12  # largest number of corrections of the bounds
 _ENOUGH = 0.004  # of a bound: smaller corrections are not made
+_DOWN, _UP = 0.3, 1.3  # smallest and largest factor of a correction
 _ROUNDING = 1e-9  # relative, as the proof widens the limits
 _HALVINGS = 60
 
@@ -95,10 +97,10 @@ def _lost(phases: list[_Phase]) -> float:
     return sum(T * (a + T * (0.5 * j + T * s / 6.0)) for T, a, j, s in phases)
 
 
-def _phases(state: Moving, speed: float | None, bounds: _Bounds) -> tuple[list[_Phase], int] | None:
+def _phases(state: Moving, speed: float | None, bounds: _Bounds) -> tuple[list[_Phase], int]:
     """Return the phases of the quickest motion to a speed, and how many of them change u'' to -A.
 
-    A speed of None is the one at which u'' and u''' first are 0.  The result is None if the motion is slower then.
+    A speed of None is the one at which u'' and u''' first are 0.  There are no phases if the motion is slower then.
     """
     most, J1, S1, J2, S2 = bounds
 
@@ -114,7 +116,7 @@ def _phases(state: Moving, speed: float | None, bounds: _Bounds) -> tuple[list[_
         return first, len(first)
     low, high = 0.0, most
     if end(low) < speed:
-        return None
+        return [], 0
     if end(high) < speed:
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
@@ -206,47 +208,52 @@ def braking(pieces: Pieces, state: Moving, speed: float | None, limits: np.ndarr
 
     limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
     """
-    top = bounds = _bounds_at(pieces, state.x, limits)
-    r, axes = (rows_for(Derivatives, len(limits)) for _ in range(2))
-    found: list[tuple[float, Motion]] = []
-    for _ in range(_PASSES):
-        phases = _phases(state, speed, bounds)
-        if phases is None or not phases[0]:
-            break
-        motion = _placed(phases[0], pieces, state)
-        if motion is None:
-            break
-        out = rows_for(Limits, len(motion.duration))
-        _uses(pieces, motion, limits, _POINTS, out, r, axes)
-        use = by_field(Limits, out)
-        if np.max(out) <= 1.0 + _ROUNDING:
-            found.append((float(motion.duration.sum()), motion))
-        new = _corrected(bounds, top, use, phases[1])
-        if max(abs(np.log(np.array(new) / np.array(bounds)))) <= _ENOUGH:
-            break
-        bounds = new
-    for _, motion in sorted(found, key=lambda each: each[0]):
-        if not len(faults_of(pieces, motion, limits)):
+    for aim in _AIMS:
+        motion = _aimed(pieces, state, speed, limits, aim)
+        if motion is not None and not len(faults_of(pieces, motion, limits)):
             return motion
     return None
 
 
-def _corrected(bounds: _Bounds, top: _Bounds, use: Limits, first: int) -> _Bounds:
-    """Return bounds at which the utilization of the limits is nearer to 1 in the phases that each of them shapes: the
-    `first` ones, and the others.
+def _aimed(pieces: Pieces, state: Moving, speed: float | None, limits: np.ndarray, aim: float) -> Motion | None:
+    """Return the quickest motion, as for `braking`, of those that use the limits up to a share `aim` and keep them at
+    points in time.
+    """
+    top = bounds = _bounds_at(pieces, state.x, limits)
+    r, axes = (rows_for(Derivatives, len(limits)) for _ in range(2))
+    best: Motion | None = None
+    for _ in range(_PASSES):
+        phases, first = _phases(state, speed, bounds)
+        motion = _placed(phases, pieces, state) if phases else None
+        if motion is None:
+            break
+        out = rows_for(Limits, len(motion.duration))
+        _uses(pieces, motion, limits, _POINTS, out, r, axes)
+        keeps = bool(np.max(out) <= 1.0 + _ROUNDING)
+        if keeps and (best is None or motion.duration.sum() < best.duration.sum()):
+            best = motion
+        new = _corrected(bounds, top, by_field(Limits, out), first, aim)
+        if keeps and max(abs(np.log(np.array(new) / np.array(bounds)))) <= _ENOUGH:
+            break
+        bounds = new
+    return best
+
+
+def _corrected(bounds: _Bounds, top: _Bounds, use: Limits, first: int, aim: float) -> _Bounds:
+    """Return bounds at which the utilization of the limits is nearer to `aim` in the phases that each of them shapes:
+    the `first` ones, and the others.
     """
 
-    def at_one(bound: float, most: float, *uses: np.ndarray) -> float:
+    def at_aim(bound: float, most: float, *uses: np.ndarray) -> float:
         largest = max((float(np.max(each)) for each in uses if len(each)), default=1.0)
-        # a little too small rather than too large, and never in long steps upward
-        return min(most, bound * min(max((1.0 - 0.5 * _ENOUGH) / max(largest, 1e-6), 0.3), 1.3))
+        return min(most, bound * min(max(aim / max(largest, 1e-6), _DOWN), _UP))
 
     a, j, s = (np.asarray(each) for each in (use.acceleration, use.jerk, use.snap))
     n = max(first - 1, 0)
     return _Bounds(
-        at_one(bounds.acceleration, top.acceleration, a[n:]),
-        at_one(bounds.jerk, top.jerk, j[:first]),
-        at_one(bounds.snap, top.snap, s[:first]),
-        at_one(bounds.last_jerk, top.last_jerk, j[first:]),
-        at_one(bounds.last_snap, top.last_snap, s[first:]),
+        at_aim(bounds.acceleration, top.acceleration, a[n:]),
+        at_aim(bounds.jerk, top.jerk, j[:first]),
+        at_aim(bounds.snap, top.snap, s[:first]),
+        at_aim(bounds.last_jerk, top.last_jerk, j[first:]),
+        at_aim(bounds.last_snap, top.last_snap, s[first:]),
     )

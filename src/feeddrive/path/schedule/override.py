@@ -27,6 +27,7 @@ from feeddrive.path.schedule.run import Start, highest_speeds, start_at
 
 _SPEEDS = 8  # largest number of trial speeds to brake to
 _SLOWER = 0.7  # ratio of two of them, where the path ahead leaves no room to stop
+_AGAIN = 0.1  # of the time in which an axis stops from its largest speed: the longest time to another trial
 _NEAR = 1e-9  # of the way: a stop so close to the end of the run is the one at its end
 _ROUNDING = 1e-9  # of a time interval: a part cut so close to its end is cut at its end
 
@@ -117,6 +118,7 @@ class Overridden:
 
     def __init__(self, limits: np.ndarray, override: Override) -> None:
         self._limits, self._override = np.ascontiguousarray(limits, float), override
+        self._soon = _AGAIN * float(np.min(self._limits[:, 0] / self._limits[:, 1]))
         self.time = 0.0
         self._ahead: list[Section] = []  # the path from the piece on which the motion is, at 100 %
         self._moves, self._x = False, 0.0  # x is that of a rest within a run
@@ -167,9 +169,11 @@ class Overridden:
             if turned is not None:
                 coming = turned
                 continue
-            # as planned up to the next time interval, where it is tried again
-            if len(part.motion.duration) > 1:
-                before, part = divided_part(part, float(part.motion.duration[0]))
+            # as planned up to the next time interval, where it is tried again, but not for long
+            motion = part.motion
+            soon = min(float(motion.duration[0]), self._soon)
+            if len(motion.duration) > 1 or soon < motion.duration[0]:
+                before, part = divided_part(part, soon)
                 yield self._gone(before)
                 coming = chain([part], coming)
             else:
