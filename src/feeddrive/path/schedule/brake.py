@@ -200,6 +200,12 @@ def _bounds_at(pieces: Pieces, x: float, limits: np.ndarray) -> _Bounds:
     return _Bounds(a, j, s, j, s)
 
 
+def straight_stop(pieces: Pieces, state: Moving, limits: np.ndarray) -> Motion | None:
+    """Return the stop of a straight path, which need not keep the limits on this one, or None if the path is shorter."""
+    phases, _ = _phases(state, 0.0, _bounds_at(pieces, state.x, limits))
+    return _placed(phases, pieces, state) if phases else None
+
+
 def braking(pieces: Pieces, state: Moving, speed: float | None, limits: np.ndarray) -> Motion | None:
     """Return a quick and proven motion from a state on the first of these pieces to a node of a given speed, m/s.
 

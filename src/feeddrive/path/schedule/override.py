@@ -9,6 +9,7 @@ import numpy as np
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.motion import (
+    LINE,
     Motion,
     Part,
     Pause,
@@ -20,10 +21,11 @@ from feeddrive.path.motion import (
     way,
 )
 from feeddrive.path.proof import faults_of
-from feeddrive.path.schedule.brake import Moving, braking
+from feeddrive.path.schedule.brake import Moving, braking, straight_stop
 from feeddrive.path.schedule.lift import divided
 from feeddrive.path.schedule.planner import Planner, limits_at
 from feeddrive.path.schedule.run import Start, highest_speeds, start_at
+from feeddrive.path.schedule.stop import quickest_stop
 
 _SPEEDS = 8  # largest number of trial speeds to brake to
 _SLOWER = 0.7  # ratio of two of them, where the path ahead leaves no room to stop
@@ -229,7 +231,7 @@ class Overridden:
         state = Moving(*(float(column[0]) for column in (motion.x, motion.speed, motion.acceleration, motion.jerk)))
         run = _run(ahead)
         if wanted == 0.0:
-            stop = self._braked(run, state, 0.0, self._fastest)
+            stop = self._stop(run, state)
             if stop is None or _ends(stop, run):
                 return None
             return self._stopped(self._part(stop, run, here, self._fastest), ends)
@@ -278,6 +280,17 @@ class Overridden:
     def _braked(self, run: Pieces, state: Moving, speed: float | None, factor: float) -> Motion | None:
         """Return the result of `braking` at a factor."""
         return braking(run._replace(feed=run.feed * factor), state, speed, limits_at(self._limits, factor))
+
+    def _stop(self, run: Pieces, state: Moving) -> Motion | None:
+        """Return the quickest stop from a state on."""
+        stop = self._braked(run, state, 0.0, self._fastest)
+        first = 0 if stop is None else int(stop.piece[-1])
+        if stop is not None and np.all(run.kind[: first + 1] == LINE):
+            return stop  # on a line it is time-optimal
+        limits = limits_at(self._limits, self._fastest)
+        scaled = run._replace(feed=run.feed * self._fastest)
+        like = straight_stop(scaled, state, limits) if stop is None else stop
+        return None if like is None else quickest_stop(scaled, state, like, stop is not None, limits)
 
     def _part(self, motion: Motion, run: Pieces, here: int, factor: float) -> Part:
         """Return a motion along a run, which begins so many pieces ahead, as the next part at a factor."""
