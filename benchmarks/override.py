@@ -2,9 +2,9 @@
 
     python benchmarks/override.py [--holds 40] [--seed 29] [--chips 3D_Chips.ngc]
 
-The quickest stop is found by direct transcription, with finer spans than those of the planner and without its reserve:
-u'''' is constant on each of 40 spans of a time T; the smallest T at which u' .. u''' can be brought from their values at
-the hold to 0, with velocity to snap of each axis within the limits at the ends of all spans, is found by bisection.  A
+The quickest stop is found by direct transcription, with finer spans than those of the planner and without its
+reserve: u'''' is constant on each of 40 spans of a time T; the smallest T at which u' .. u''' can be brought from
+their values at the hold to 0, with velocity to snap of each axis within the limits at the ends of all spans, is found by bisection.  A
 try is a sequence of linear programs about the last motion.  Limits are kept at these points only, so that T is a little
 below the quickest time.
 """
@@ -255,9 +255,8 @@ if __name__ == "__main__":
         programs["3D_Chips, 600 lines"] = list(read_program(short))
         short.unlink()
     programs = {name: given for name, given in programs.items() if asked.only in name}
-    print(
-        "| program | without | 100 % | ratio | 60 %, then 100 % at a third, 150 % at two thirds |\n|---|--:|--:|--:|--:|"
-    )
+    print("| program | without | 100 % | ratio | 60 %, from a third on 100 %, from two thirds on 150 % |")
+    print("|---|--:|--:|--:|--:|")
     known = {}
     for name, given in programs.items():
         parts, without = proven(given, None)

@@ -201,7 +201,7 @@ def _bounds_at(pieces: Pieces, x: float, limits: np.ndarray) -> _Bounds:
 
 
 def straight_stop(pieces: Pieces, state: Moving, limits: np.ndarray) -> Motion | None:
-    """Return the stop of a straight path, which need not keep the limits on this one, or None if the path is shorter."""
+    """Return the stop of a straight path, which need not keep the limits on this one; None if the path is shorter."""
     phases, _ = _phases(state, 0.0, _bounds_at(pieces, state.x, limits))
     return _placed(phases, pieces, state) if phases else None
 

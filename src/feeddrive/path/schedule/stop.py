@@ -18,7 +18,7 @@ from feeddrive.path.schedule.brake import Moving
 _SPANS = 24
 _PARTS = (0.0, 0.5, 1.0)  # of a span: the points
 _AIMS = (0.985, 0.95, 0.9)  # utilization of the limits there: less where the proof fails between them
-_STARTS = 0.2  # of T in which it falls to this from 1, which the present state may use
+_STARTS = 0.2  # of T in which that of velocity to jerk falls to this from 1, which the present state may use
 _HALVINGS = 7
 _PROGRAMS = 4  # largest number of linear programs for a time
 _LOOKED = 0.5  # utilization above which a limit of velocity is part of a program
@@ -47,7 +47,7 @@ class _Transcribed:
 
     def __init__(self, pieces: Pieces, state: Moving, limits: np.ndarray, T: float, aim: float, unit: float) -> None:
         n, h = _SPANS, T / _SPANS
-        self._pieces, self._limits, self._h, self._unit = pieces, limits, h, unit
+        self._pieces, self._limits, self._h, self._unit, self._aim = pieces, limits, h, unit, aim
         constant, slope = np.array(state), np.zeros((4, n))
         states = list[tuple[np.ndarray, np.ndarray]]()
         self._span = np.repeat(np.arange(n), len(_PARTS))
@@ -81,7 +81,8 @@ class _Transcribed:
         _, r1, r2, r3, r4 = np.moveaxis(out, 2, 0)
         nothing = np.zeros_like(r1)
         most = self._most[:, None]
-        V, A, J, S = (limit * most for limit in self._limits.T)
+        V, A, J = (limit * most for limit in self._limits.T[:3])
+        S = self._limits[:, 3] * self._aim
         values = [r1 * v / V, (r2 * v * v + r1 * a) / A, (r3 * v**3 + 3.0 * r2 * v * a + r1 * j) / J]
         bend = 3.0 * a * a + 4.0 * v * j
         values.append((r4 * v**4 + 6.0 * r3 * v * v * a + r2 * bend + r1 * s) / S)
