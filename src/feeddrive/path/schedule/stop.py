@@ -11,18 +11,23 @@ import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Records, Records2, rows_for
-from feeddrive.path.motion import Derivatives, Motion, Pieces, derivatives
+from feeddrive.path.motion import Derivatives, Limits, Motion, Pieces, derivatives
 from feeddrive.path.proof import faults_of
 from feeddrive.path.schedule.brake import Moving
 
 _SPANS = 24
-_PARTS = (0.0, 0.5, 1.0)  # of a span: the points
-_AIMS = (0.985, 0.95, 0.9)  # utilization of the limits there: less where the proof fails between them
+_PARTS = (0.0, 0.5, 1.0)  # of a span: the points; there are more where the proof fails
+_AIM = 0.985  # utilization of the limits there
+_TIGHTER = 0.97  # reduction of a limit in the spans in which the proof fails between the points, and beside them
+_ROUNDS = 10  # largest number of proofs
+_SLOWER = 1.006  # ratio of the times of two of them
 _STARTS = 0.2  # of T in which that of velocity to jerk falls to this from 1, which the present state may use
 _HALVINGS = 7
-_PROGRAMS = 4  # largest number of linear programs for a time
+_SHORTEST = 0.05  # of the step of a program: a shorter one is taken although it makes the excess larger
+_PROGRAMS = 6  # largest number of linear programs for a time
 _LOOKED = 0.5  # utilization above which a limit of velocity is part of a program
-_LEAST, _LONGER = 0.45, 1.6  # of the known time: the bisection begins there, and ends there if it is not proven
+_LEAST = 0.45  # of the time of a proven stop: the lower end of the bisection
+_LONGER = (1.0, 1.15, 1.3, 1.5, 1.75, 2.1)  # of the time of a stop that is not proven: times that are tried
 
 
 @kernel
@@ -45,19 +50,31 @@ def _along(pieces: Pieces, u: Floats, out: Records2[Derivatives], r: Records[Der
 class _Transcribed:
     """The motions from a state within a time T, s, as functions of the snaps of all spans in units of `unit`."""
 
-    def __init__(self, pieces: Pieces, state: Moving, limits: np.ndarray, T: float, aim: float, unit: float) -> None:
+    def __init__(
+        self,
+        pieces: Pieces,
+        state: Moving,
+        limits: np.ndarray,
+        T: float,
+        points: list[tuple[int, float]],
+        aims: np.ndarray,
+        unit: float,
+    ) -> None:
         n, h = _SPANS, T / _SPANS
-        self._pieces, self._limits, self._h, self._unit, self._aim = pieces, limits, h, unit, aim
-        constant, slope = np.array(state), np.zeros((4, n))
-        states = list[tuple[np.ndarray, np.ndarray]]()
-        self._span = np.repeat(np.arange(n), len(_PARTS))
+        self._pieces, self._h, self._unit = pieces, h, unit
+        begins = [(np.array(state), np.zeros((4, n)))]
         for k in range(n):
-            states += [_later(constant, slope, k, part * h, unit) for part in _PARTS]
-            constant, slope = states[-1]
+            begins.append(_later(*begins[-1], k, h, unit))
+        self.begins = begins
+        points = sorted(points)
+        states = [_later(*begins[k], k, part * h, unit) for k, part in points]
+        self._span = np.array([k for k, _ in points])
         self.constant, self.slope = (np.array(each) for each in zip(*states, strict=True))
-        self.end = constant[1:], slope[1:]
-        at = np.arange(n)[:, None] * h + np.array(_PARTS) * h
-        self._most = 1.0 - (1.0 - aim) * np.minimum(at.ravel() / (_STARTS * T), 1.0)
+        self.end = begins[-1][0][1:], begins[-1][1][1:]
+        at = h * np.sum(points, axis=1)
+        part = np.minimum(at / (_STARTS * T), 1.0)[:, None, None]
+        most = 1.0 - (1.0 - aims[self._span]) * np.where(np.arange(4) < 3, part, 1.0)
+        self._limits = np.moveaxis(limits * most, 2, 0)
 
     def at_rest(self, snaps: np.ndarray) -> np.ndarray:
         """Return the nearest snaps at which the motion ends at rest."""
@@ -73,16 +90,14 @@ class _Transcribed:
         u .. u'''' there.
         """
         states = self.constant + self.slope @ snaps
-        axes = len(self._limits)
+        axes = self._limits.shape[2]
         out = np.zeros((len(states), axes, 5))
         _along(self._pieces, np.maximum.accumulate(states[:, 0]), out, rows_for(Derivatives, axes))
         v, a, j = (each[:, None] for each in states.T[1:])
         s = (snaps * self._unit)[self._span][:, None]
         _, r1, r2, r3, r4 = np.moveaxis(out, 2, 0)
         nothing = np.zeros_like(r1)
-        most = self._most[:, None]
-        V, A, J = (limit * most for limit in self._limits.T[:3])
-        S = self._limits[:, 3] * self._aim
+        V, A, J, S = self._limits
         values = [r1 * v / V, (r2 * v * v + r1 * a) / A, (r3 * v**3 + 3.0 * r2 * v * a + r1 * j) / J]
         bend = 3.0 * a * a + 4.0 * v * j
         values.append((r4 * v**4 + 6.0 * r3 * v * v * a + r2 * bend + r1 * s) / S)
@@ -152,15 +167,21 @@ class _Transcribed:
                 -constant / size,
                 [*((-_WIDEST, _WIDEST) for _ in range(n)), (_EASY, None)],
             )
-            if found.x is None or (number and found.x[n] > _HOPELESS):
+            if found.x is None or (number >= 2 and found.x[n] > _HOPELESS):
                 return None
-            snaps = self.at_rest(found.x[:n])
+            new, largest = self.at_rest(found.x[:n]), float(np.max(np.abs(value)))
+            step = 1.0
+            while step > _SHORTEST:
+                if np.max(np.abs(self.shares(snaps + step * (new - snaps))[0])) <= max(largest, 1.0):
+                    break
+                step *= 0.4
+            snaps = snaps + step * (new - snaps)
         return None
 
     def motion(self, snaps: np.ndarray) -> Motion:
         """Return the motion with these snaps."""
         n = _SPANS
-        u, v, a, j = (self.constant + self.slope @ snaps)[:: len(_PARTS)].T
+        u, v, a, j = np.array([constant + slope @ snaps for constant, slope in self.begins[:-1]]).T
         joints = np.concatenate([[0.0], np.cumsum(self._pieces.length)])
         piece = np.clip(np.searchsorted(joints, u, side="right") - 1, 0, len(joints) - 2)
         return Motion(np.full(n, self._h), piece, u - joints[piece], v.copy(), a.copy(), j.copy(), snaps * self._unit)
@@ -168,7 +189,7 @@ class _Transcribed:
 
 _WIDEST = 1.8  # of the unit: largest snap, in a direction between the axes
 _EASY = 0.95  # of the aim: a program need not do better
-_HOPELESS = 1.005  # of the aim: a time at which the second program finds nothing better is given up
+_HOPELESS = 1.005  # of the aim: a time at which the third program finds nothing better is given up
 
 
 def _later(constant: np.ndarray, slope: np.ndarray, k: int, t: float, unit: float) -> tuple[np.ndarray, np.ndarray]:
@@ -199,19 +220,45 @@ def quickest_stop(pieces: Pieces, state: Moving, like: Motion, known: bool, limi
     limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
     """
     unit, most = float(np.max(limits[:, 3])), float(like.duration.sum())
-    for aim in _AIMS:
-        low, high = _LEAST * most, most if known else _LONGER * most
-        snaps, best = _shape(like, high, unit), None
-        for halving in range(_HALVINGS):
-            T = 0.5 * (low + high) if halving or known else high
-            tried = _Transcribed(pieces, state, limits, T, aim, unit)
-            found = tried.stop(snaps)
-            if found is None:
-                low = T
-                if not halving and not known:
-                    break
-            else:
-                high, snaps, best = T, found, tried.motion(found)
-        if best is not None and not len(faults_of(pieces, best, limits)):
-            return best
+    aims = np.full((_SPANS, *limits.shape), _AIM)
+    points = [(k, part) for k in range(_SPANS) for part in _PARTS]
+
+    def at(T: float, snaps: np.ndarray) -> tuple[_Transcribed, np.ndarray | None]:
+        tried = _Transcribed(pieces, state, limits, T, points, aims, unit)
+        return tried, tried.stop(snaps)
+
+    low, high, snaps = _LEAST * most, most, None
+    for longer in () if known else _LONGER:
+        _, snaps = at(longer * most, _shape(like, longer * most, unit))
+        if snaps is not None:
+            high = longer * most
+            break
+        low = longer * most
+    if not known and snaps is None:
+        return None
+    best = snaps
+    snaps = _shape(like, high, unit) if snaps is None else snaps
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        _, found = at(middle, snaps)
+        if found is None:
+            low = middle
+        else:
+            high, snaps, best = middle, found, found
+    for _ in range(_ROUNDS if best is not None else 0):
+        tried, found = at(high, snaps)
+        if found is not None:
+            snaps, motion = found, tried.motion(found)
+            faults = faults_of(pieces, motion, limits)
+            if not len(faults):
+                return motion
+            for _, where, t, which, _ in faults:
+                if which < -1:  # a jump or a backward motion, which lower limits would not remove
+                    return like if known else None
+                axis, number = divmod(int(which), len(Limits._fields)) if which >= 0 else (slice(None), 0)
+                aims[max(int(where) - 1, 0) : int(where) + 2, axis, number] *= _TIGHTER
+                points.append((int(where), float(t) * _SPANS / high))
+        high *= _SLOWER
+        if known and high >= most:
+            break
     return like if known else None
