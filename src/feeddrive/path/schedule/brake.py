@@ -33,7 +33,8 @@ _POINTS = 6  # in each time interval at which the limits are looked at, both end
 _AIMS = (0.996, 0.98, 0.93, 0.8)  # utilization of the limits at these points: less where the proof fails between them
 _PASSES = 12  # largest number of corrections of the bounds
 _ENOUGH = 0.004  # of a bound: smaller corrections are not made
-_DOWN, _UP = 0.3, 1.3  # smallest and largest factor of a correction
+_DOWN = 0.3  # smallest factor of a correction
+_UP = 1.3  # largest one
 _ROUNDING = 1e-9  # relative, as the proof widens the limits
 _HALVINGS = 60
 
