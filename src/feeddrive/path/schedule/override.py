@@ -289,8 +289,8 @@ class Overridden:
             return stop  # on a line it is time-optimal
         limits = limits_at(self._limits, self._fastest)
         scaled = run._replace(feed=run.feed * self._fastest)
-        like = straight_stop(scaled, state, limits) if stop is None else stop
-        return None if like is None else quickest_stop(scaled, state, like, stop is not None, limits)
+        straight = straight_stop(scaled, state, limits)
+        return stop if straight is None else quickest_stop(scaled, state, straight, stop, limits)
 
     def _part(self, motion: Motion, run: Pieces, here: int, factor: float) -> Part:
         """Return a motion along a run, which begins so many pieces ahead, as the next part at a factor."""

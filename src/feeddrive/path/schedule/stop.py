@@ -15,19 +15,24 @@ from feeddrive.path.motion import Derivatives, Limits, Motion, Pieces, derivativ
 from feeddrive.path.proof import faults_of
 from feeddrive.path.schedule.brake import Moving
 
-_SPANS = 24
+_SPANS = 24  # least number of spans
+_MOST = 56  # largest one
+_A_PHASE = 0.7  # number of spans in the time j/s of the axes
 _PARTS = (0.0, 0.5, 1.0)  # of a span: the points; there are more where the proof fails
-_AIM = 0.985  # utilization of the limits there
+_AIM = 0.996  # utilization of the limits there
 _TIGHTER = 0.97  # reduction of a limit in the spans in which the proof fails between the points, and beside them
-_ROUNDS = 10  # largest number of proofs
-_SLOWER = 1.006  # ratio of the times of two of them
+_ROUNDS = 14  # largest number of proofs
+_SLOWER = 1.006  # least ratio of the times of two of them
 _STARTS = 0.2  # of T in which that of velocity to jerk falls to this from 1, which the present state may use
-_HALVINGS = 7
+_HALVINGS = 3
 _SHORTEST = 0.05  # of the step of a program: a shorter one is taken although it makes the excess larger
+_SHORTER = 0.4  # of such a step: the next one
 _PROGRAMS = 6  # largest number of linear programs for a time
 _LOOKED = 0.5  # utilization above which a limit of velocity is part of a program
-_LEAST = 0.45  # of the time of a proven stop: the lower end of the bisection
-_LONGER = (1.0, 1.15, 1.3, 1.5, 1.75, 2.1)  # of the time of a stop that is not proven: times that are tried
+_LONGEST = 3.0  # of the time on a straight path: longer stops are not looked for
+_POWER = 0.35  # a time is multiplied by this power of the utilization that it needs
+_LITTLE = 1.01  # smallest such factor
+_MUCH = 1.15  # largest one
 
 
 @kernel
@@ -60,7 +65,8 @@ class _Transcribed:
         aims: np.ndarray,
         unit: float,
     ) -> None:
-        n, h = _SPANS, T / _SPANS
+        n = len(aims)
+        h = T / n
         self._pieces, self._h, self._unit = pieces, h, unit
         begins = [(np.array(state), np.zeros((4, n)))]
         for k in range(n):
@@ -126,25 +132,27 @@ class _Transcribed:
         slope = np.stack([np.stack(each, axis=2) for each in slopes], axis=2)
         return value.ravel(), point.ravel(), slope.reshape(-1, 5)
 
-    def stop(self, snaps: np.ndarray) -> np.ndarray | None:
-        """Return the snaps of a stop that keeps all limits, starting the search from others, or None."""
+    def least(self, snaps: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return the snaps of a stop with little excess over the limits, starting the search from others, and the
+        largest utilization of a limit relative to the aim: up to 1 if all are kept.
+        """
         # imported here: only a hold needs it
         from scipy.optimize import linprog
 
-        n = _SPANS
         constant, slope = self.end
+        n = slope.shape[1]
         size = np.linalg.norm(slope, axis=1)
         snaps = self.at_rest(snaps)
         length = float(np.sum(self._pieces.length))
-        for number in range(_PROGRAMS):
+        last = np.inf
+        for _ in range(_PROGRAMS):
             value, point, by_state = self.shares(snaps)
             states = self.constant + self.slope @ snaps
-            if (
-                np.max(np.abs(value)) <= 1.0
-                and np.min(states[:, 1]) >= -1e-12 * states[0, 1]
-                and states[-1, 0] <= length
-            ):
-                return snaps
+            largest = float(np.max(np.abs(value)))
+            stays = np.min(states[:, 1]) >= -_BACK * states[0, 1] and states[-1, 0] <= length
+            if stays and (largest <= 1.0 or largest > _PROGRESS * last):
+                return snaps, largest
+            last = largest
             near = np.any(by_state[:, 2:] != 0.0, axis=1) | (np.abs(value) > _LOOKED)
             rows = np.einsum("ck,ckn->cn", by_state[near][:, :4], self.slope[point[near]])
             rows[np.arange(len(rows)), self._span[point[near]]] += by_state[near][:, 4] * self._unit
@@ -167,20 +175,19 @@ class _Transcribed:
                 -constant / size,
                 [*((-_WIDEST, _WIDEST) for _ in range(n)), (_EASY, None)],
             )
-            if found.x is None or (number >= 2 and found.x[n] > _HOPELESS):
-                return None
-            new, largest = self.at_rest(found.x[:n]), float(np.max(np.abs(value)))
-            step = 1.0
+            if found.x is None:
+                break
+            new, step = self.at_rest(found.x[:n]), 1.0
             while step > _SHORTEST:
                 if np.max(np.abs(self.shares(snaps + step * (new - snaps))[0])) <= max(largest, 1.0):
                     break
-                step *= 0.4
+                step *= _SHORTER
             snaps = snaps + step * (new - snaps)
-        return None
+        return snaps, np.inf
 
     def motion(self, snaps: np.ndarray) -> Motion:
         """Return the motion with these snaps."""
-        n = _SPANS
+        n = len(snaps)
         u, v, a, j = np.array([constant + slope @ snaps for constant, slope in self.begins[:-1]]).T
         joints = np.concatenate([[0.0], np.cumsum(self._pieces.length)])
         piece = np.clip(np.searchsorted(joints, u, side="right") - 1, 0, len(joints) - 2)
@@ -189,7 +196,8 @@ class _Transcribed:
 
 _WIDEST = 1.8  # of the unit: largest snap, in a direction between the axes
 _EASY = 0.95  # of the aim: a program need not do better
-_HOPELESS = 1.005  # of the aim: a time at which the third program finds nothing better is given up
+_PROGRESS = 0.99  # of an excess: a program that leaves more is the last one for a time
+_BACK = 1e-12  # of the present speed: rounding of a speed of 0
 
 
 def _later(constant: np.ndarray, slope: np.ndarray, k: int, t: float, unit: float) -> tuple[np.ndarray, np.ndarray]:
@@ -202,63 +210,66 @@ def _later(constant: np.ndarray, slope: np.ndarray, k: int, t: float, unit: floa
     return step @ constant, slope
 
 
-def _shape(motion: Motion, T: float, unit: float) -> np.ndarray:
-    """Return the mean snap of a motion on each span of its time, which is scaled to T."""
+def _shape(motion: Motion, n: int, T: float, unit: float) -> np.ndarray:
+    """Return the mean snap of a motion on each of n spans of its time, which is scaled to T."""
     ends = np.concatenate([[0.0], np.cumsum(motion.duration)])
     changes = np.interp(
-        np.linspace(0.0, ends[-1], _SPANS + 1), ends, np.concatenate([[0.0], np.cumsum(motion.duration * motion.snap)])
+        np.linspace(0.0, ends[-1], n + 1), ends, np.concatenate([[0.0], np.cumsum(motion.duration * motion.snap)])
     )
     ratio = float(ends[-1]) / T
-    return np.diff(changes) * _SPANS / T * ratio * ratio / unit
+    return np.diff(changes) * n / T * ratio * ratio / unit
 
 
-def quickest_stop(pieces: Pieces, state: Moving, like: Motion, known: bool, limits: np.ndarray) -> Motion | None:
-    """Return a proven stop from a state on the first of these pieces.
+def quickest_stop(
+    pieces: Pieces, state: Moving, straight: Motion, known: Motion | None, limits: np.ndarray
+) -> Motion | None:
+    """Return a proven stop from a state on the first of these pieces, or the known one if no quicker one is found.
 
-    like    a stop of similar shape, to begin the search with; it lasts longer than the one to be found
-    known   True if that stop is proven; it is returned if no quicker one is found
-    limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    straight  the stop on a straight path, to begin with
+    limits    limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
     """
-    unit, most = float(np.max(limits[:, 3])), float(like.duration.sum())
-    aims = np.full((_SPANS, *limits.shape), _AIM)
-    points = [(k, part) for k in range(_SPANS) for part in _PARTS]
+    unit, T = float(np.max(limits[:, 3])), float(straight.duration.sum())
+    longest = _LONGEST * T if known is None else float(known.duration.sum())
+    n = min(max(_SPANS, int(_A_PHASE * T / np.max(limits[:, 2] / limits[:, 3]))), _MOST)
+    aims = np.full((n, *limits.shape), _AIM)
+    points = [(k, part) for k in range(n) for part in _PARTS]
 
-    def at(T: float, snaps: np.ndarray) -> tuple[_Transcribed, np.ndarray | None]:
+    def at(T: float, snaps: np.ndarray) -> tuple[_Transcribed, np.ndarray, float]:
         tried = _Transcribed(pieces, state, limits, T, points, aims, unit)
-        return tried, tried.stop(snaps)
+        return tried, *tried.least(snaps)
 
-    low, high, snaps = _LEAST * most, most, None
-    for longer in () if known else _LONGER:
-        _, snaps = at(longer * most, _shape(like, longer * most, unit))
-        if snaps is not None:
-            high = longer * most
+    # longer and longer, each begun with the last one: the path taken changes little
+    low, snaps, use = 0.0, _shape(straight, n, T, unit), np.inf
+    while longest > T:
+        _, snaps, use = at(T, snaps)
+        if use <= 1.0:
             break
-        low = longer * most
-    if not known and snaps is None:
-        return None
-    best = snaps
-    snaps = _shape(like, high, unit) if snaps is None else snaps
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        _, found = at(middle, snaps)
-        if found is None:
-            low = middle
+        longer = min(max(use**_POWER, _LITTLE), _MUCH)
+        low, T, snaps = T, longer * T, snaps / longer**3
+    if use > 1.0:
+        return known
+    for _ in range(_HALVINGS if low else 0):
+        middle = 0.5 * (low + T)
+        _, found, use = at(middle, snaps * (T / middle) ** 3)
+        if use <= 1.0:
+            T, snaps = middle, found
         else:
-            high, snaps, best = middle, found, found
-    for _ in range(_ROUNDS if best is not None else 0):
-        tried, found = at(high, snaps)
-        if found is not None:
-            snaps, motion = found, tried.motion(found)
+            low = middle
+    for _ in range(_ROUNDS):
+        if longest <= T:
+            break
+        tried, snaps, use = at(T, snaps)
+        if use <= 1.0:
+            motion = tried.motion(snaps)
             faults = faults_of(pieces, motion, limits)
             if not len(faults):
                 return motion
             for _, where, t, which, _ in faults:
                 if which < -1:  # a jump or a backward motion, which lower limits would not remove
-                    return like if known else None
+                    return known
                 axis, number = divmod(int(which), len(Limits._fields)) if which >= 0 else (slice(None), 0)
                 aims[max(int(where) - 1, 0) : int(where) + 2, axis, number] *= _TIGHTER
-                points.append((int(where), float(t) * _SPANS / high))
-        high *= _SLOWER
-        if known and high >= most:
-            break
-    return like if known else None
+                points.append((int(where), float(t) * n / T))
+        longer = min(max(use**_POWER, _SLOWER), _MUCH)
+        T, snaps = longer * T, snaps / longer**3
+    return known
