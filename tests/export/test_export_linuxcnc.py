@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -559,3 +560,24 @@ def test_what_halcompile_refuses_is_said(tmp_path):
 def test_a_session_that_hangs_is_killed(tmp_path):
     with pytest.raises(HalError, match="did not end within 2 s"):
         session.session(tmp_path, [], "sleep 60", 2.0)
+
+
+@pytest.mark.slow(reason="it waits until two sessions have hung long enough")
+@needs_linuxcnc
+@pytest.mark.parametrize("hangs", ["after the run", "in the run"])
+def test_a_run_is_good_if_linuxcnc_hangs_as_it_exits(hangs, tmp_path, monkeypatch):
+    line = session.run_line
+    rows = np.arange(6.0).reshape(6, 1)
+    wiring = [f"net passed {session.stream_pin(0)} => sampler.0.pin.0"]
+    at_end = ["loadusr -w /bin/sleep 60"] if hangs == "in the run" else []
+    if hangs == "after the run":
+        monkeypatch.setattr(session, "run_line", lambda folder, *, paced: f"{line(folder, paced=paced)}; sleep 60")
+    # 15 s: a session takes 0.6 s on a free machine
+    asked = partial(session.halrun, [], tmp_path, 1_000_000, wiring, rows, "f", "f", at_end=at_end, patience=15.0)
+    if hangs == "in the run":
+        with pytest.raises(session.HalTimeoutError, match="did not end within 15 s"):
+            asked()
+    else:
+        run = asked()
+        np.testing.assert_array_equal(run.rows, rows)
+        assert "complete" not in run.printed

@@ -16,6 +16,8 @@ kind = "structure_mode"
 axis = "x"
 [geometry]                    # geometric errors at the tool point: squareness, scales and straightness
 squareness_xy_urad = 20
+[kinematics]                  # of five axes: joints and offsets between them
+kind = "table_table"
 [[made_from]]                 # written by a command: name and SHA-256 digest of each file that it was made from
 file = "x_axis.csv"
 sha256 = "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"
@@ -44,6 +46,8 @@ from feeddrive.loop.box import AUTO, Box, is_identified
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
+from feeddrive.path.five_axes import FiveAxes, HeadHead, HeadTable, TableTable
+from feeddrive.path.kinematics import LINEAR, Kinematics
 from feeddrive.path.limits import LETTERS, ROTARY, AxisLimits, MachineLimits
 
 BUNDLED = Path(__file__).parent / "bundled"
@@ -91,6 +95,9 @@ class MachineSection(Section, kind="loop"):  # the `kind` at the top of machine 
         "interactions of the axes: structure modes that they share, a cut, a recorded force", default=()
     )
     geometry: Geometry | None = part("squareness, scales and straightness of the axes", default=None)
+    kinematics: TableTable | HeadHead | HeadTable | None = part(
+        "rotary joints of a five-axis machine and the offsets between them", default=None
+    )
     made_from: tuple[Origin, ...] = part("files that this file was made from, with their digests", default=())
 
     def check(self) -> None:
@@ -129,6 +136,23 @@ class MachineFile(Result):
     geometry: Geometry | None = None
     made_from: tuple[Origin, ...] = ()
     errors: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
+    five_axes: FiveAxes | None = None
+
+    @property
+    def kinematics(self) -> Kinematics | None:
+        """The kinematics of a five-axis machine, with the travel of its rotary joints; None if the file has none."""
+        if self.five_axes is None:
+            return None
+        kinematics = self.five_axes.kinematics()
+        return kinematics.with_travel(
+            {
+                name.upper(): (
+                    -math.inf if axis.travel_least is None else float(axis.travel_least),
+                    math.inf if axis.travel_most is None else float(axis.travel_most),
+                )
+                for name, axis in self.limits.items()
+            }
+        )
 
     @property
     def quoted(self) -> tuple[str, ...]:
@@ -269,6 +293,7 @@ def _machine(file: TomlFile) -> MachineFile:
         section.geometry,
         section.made_from,
         {name: axis.standard_errors for name, axis in section.axis.items() if axis.standard_errors},
+        section.kinematics,
     )
 
 
@@ -292,6 +317,7 @@ def machine_toml(
     source: str = "",
     remark: str = "",
     limits: Mapping[str, AxisLimits] = MappingProxyType({}),
+    five_axes: FiveAxes | None = None,
 ) -> str:
     """Return the text of a machine file, from which `read_machine` reproduces the machine.
 
@@ -308,7 +334,8 @@ def machine_toml(
             *([to_toml(limits[axis], f"axis.{axis}.limits", rotary=loop.axis.rotary)] if axis in limits else []),
         ]
     parts += [to_toml(coupling, "couplings", listed=True) for coupling in machine.couplings]
-    return "\n".join([*parts, *([] if machine.geometry is None else [to_toml(machine.geometry, "geometry")])])
+    more = {"geometry": machine.geometry, "kinematics": five_axes}
+    return "\n".join([*parts, *(to_toml(block, key) for key, block in more.items() if block is not None)])
 
 
 def _loop(machine: MachineSection, name: str, section: AxisSection) -> Loop:
@@ -329,11 +356,33 @@ def _check_together(section: MachineSection, loops: Mapping[str, Loop]) -> None:
             message, place = Text(f"{error}"), f"couplings.{k}"
             named = message if message.startswith(place) else f"{place}: {message}"
             raise section.error(named, ("couplings", k), type(error)) from None
+    if section.kinematics is not None:
+        _check_joints(section, loops, section.kinematics)
     if section.geometry is not None:
         try:
             Machine.of(loops, (), section.geometry)
         except (ParameterError, StructureError) as error:
             raise section.error(f"{error}", "geometry", type(error)) from None
+
+
+def _check_joints(section: MachineSection, loops: Mapping[str, Loop], five_axes: FiveAxes) -> None:
+    """Raise an error, with the line, if a joint of the kinematics is no axis of the machine, or one of another type."""
+    by_letter = {name.upper(): name for name in loops}
+    for letter in five_axes.kinematics().letters:
+        name = by_letter.get(letter)
+        if name is None:
+            raise section.error(
+                f"kinematics: the machine has no axis [axis.{letter.lower()}] for its joint {letter}; there are: "
+                f"{', '.join(loops)}",
+                "kinematics",
+            )
+        turns = letter not in LINEAR
+        if loops[name].axis.rotary != turns:
+            raise section.error(
+                f"kinematics: joint {letter} is {'rotary' if turns else 'linear'}, and axis.{name} is "
+                f"{'linear: write rotary = true there' if turns else 'rotary: leave rotary = true out there'}",
+                "kinematics",
+            )
 
 
 def find_bundled(path: str | Path, folder: str) -> Path:

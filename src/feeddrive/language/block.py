@@ -523,7 +523,7 @@ def _checked_number(where: str, declaration: Declaration, value: Any) -> Any:
 def _checked_table(where: str, declaration: Declaration, value: Any) -> np.ndarray:
     row = np.array(value, dtype=np.float64)
     if row.ndim != 1 or row.size < declaration.shortest:
-        least = "two numbers" if declaration.shortest == 2 else "one number"
+        least = {1: "one number", 2: "two numbers"}.get(declaration.shortest, f"{declaration.shortest} numbers")
         raise ParameterError(f"{where} ({declaration.meaning}) must be a row of at least {least}")
     if not np.all(np.isfinite(row)):
         raise ParameterError(f"{where} ({declaration.meaning}) holds a number that is not finite")

@@ -8,6 +8,7 @@ from typing import Any
 
 from feeddrive.language import mathematics
 from feeddrive.language.primitives import (
+    Composite,
     absolute,
     both,
     clip,
@@ -92,12 +93,16 @@ def log(x: Any) -> Any:
 
 def sin(x: Any) -> Any:
     """Return the sine of an angle in rad; NaN beyond 1e9 rad, where the angle has lost its precision."""
+    if isinstance(x, Composite):
+        return x.sine_cosine[0]
     symbol = on_symbols("sin", x)
     return symbol if symbol is not None else mathematics.sin(x)
 
 
 def cos(x: Any) -> Any:
     """Return the cosine of an angle in rad; NaN beyond 1e9 rad."""
+    if isinstance(x, Composite):
+        return x.sine_cosine[1]
     symbol = on_symbols("cos", x)
     return symbol if symbol is not None else mathematics.cos(x)
 

@@ -4,11 +4,32 @@
 """
 
 import math
+from abc import ABC, abstractmethod
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from feeddrive.language.graph import Symbol
+
+
+class Composite(ABC):
+    """A number that is made of several numbers, such as a Taylor series or an interval (`series.py`).
+
+    It supports + - *, and sine and cosine by `ops.sin` and `ops.cos`.
+    """
+
+    # numpy leaves array * composite to the composite, in place of making an array of objects
+    __array_ufunc__ = None
+
+    @abstractmethod
+    def waves(self) -> tuple[Any, Any]:
+        """Compute the sine and cosine of an angle in rad."""
+
+    @cached_property
+    def sine_cosine(self) -> tuple[Any, Any]:
+        """The sine and cosine of an angle in rad, computed once."""
+        return self.waves()
 
 
 def on_symbols(name: str, *arguments: Any) -> Symbol | None:

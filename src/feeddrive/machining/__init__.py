@@ -16,6 +16,7 @@ make_lazy(
             "ChatterSigns chatter_signs CutStability Lobes ZeroOrder cut_stability semi_discretisation "
             "stability_lobes zero_order"
         ),
+        "pivots": "PivotError held_tip_error with_pivot_errors",
         "part_run": "on_part Elements elements PartRun part_run",
         "regeneration": "Regeneration regeneration",
         "reversal": "Reversals reversals stick_time",

@@ -40,6 +40,9 @@ from feeddrive.machining.part_run import PartRun as PartRun
 from feeddrive.machining.part_run import elements as elements
 from feeddrive.machining.part_run import on_part as on_part
 from feeddrive.machining.part_run import part_run as part_run
+from feeddrive.machining.pivots import PivotError as PivotError
+from feeddrive.machining.pivots import held_tip_error as held_tip_error
+from feeddrive.machining.pivots import with_pivot_errors as with_pivot_errors
 from feeddrive.machining.regeneration import Regeneration as Regeneration
 from feeddrive.machining.regeneration import regeneration as regeneration
 from feeddrive.machining.reversal import Reversals as Reversals

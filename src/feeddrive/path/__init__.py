@@ -12,6 +12,11 @@ make_lazy(
         ),
         "program.reading": "read_commands read_program",
         "program.state": "Tool read_tools",
+        "kinematics": "Branches Kinematics RotaryJoint UnreachableError",
+        "five_axes": "HeadHead HeadTable TableTable",
+        "orientation": (
+            "Orientations choose_rotary interpolate_axes interpolate_plane interpolate_vector leaves_arc unwound"
+        ),
         "limits": "AxisLimits MachineLimits",
         "planned": "Planned planned_of",
         "setpoints": "Setpoints",

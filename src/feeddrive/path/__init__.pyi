@@ -2,8 +2,22 @@
 
 # written by `make stubs`
 
+from feeddrive.path.five_axes import HeadHead as HeadHead
+from feeddrive.path.five_axes import HeadTable as HeadTable
+from feeddrive.path.five_axes import TableTable as TableTable
+from feeddrive.path.kinematics import Branches as Branches
+from feeddrive.path.kinematics import Kinematics as Kinematics
+from feeddrive.path.kinematics import RotaryJoint as RotaryJoint
+from feeddrive.path.kinematics import UnreachableError as UnreachableError
 from feeddrive.path.limits import AxisLimits as AxisLimits
 from feeddrive.path.limits import MachineLimits as MachineLimits
+from feeddrive.path.orientation import Orientations as Orientations
+from feeddrive.path.orientation import choose_rotary as choose_rotary
+from feeddrive.path.orientation import interpolate_axes as interpolate_axes
+from feeddrive.path.orientation import interpolate_plane as interpolate_plane
+from feeddrive.path.orientation import interpolate_vector as interpolate_vector
+from feeddrive.path.orientation import leaves_arc as leaves_arc
+from feeddrive.path.orientation import unwound as unwound
 from feeddrive.path.planned import Planned as Planned
 from feeddrive.path.planned import planned_of as planned_of
 from feeddrive.path.polygon import waypoints as waypoints

@@ -60,11 +60,15 @@ def replay_files(study: Study, variant: int) -> dict[str, str]:
     file = group.base.job.machine
     # An axis that runs alone makes a machine of one axis, in which the limits of the others would name unknown axes.
     limits = {axis: axis_limits for axis, axis_limits in file.limits.items() if axis in machine.axes()}
+    # of a whole machine only: they name all of its joints
+    five_axes = file.five_axes if isinstance(system, Machine) else None
     name = f"variant_{variant:08d}"
     origin = f"variant {variant} of the study {Path(study.file.name).name}, row '{group.base.row}'"
     return {
         f"{name}.toml": "\n".join(_job(study, group, f"{name}_machine.toml", origin)),
-        f"{name}_machine.toml": machine_toml(machine, f"{file.name}, {origin}", file.source, file.remark, limits),
+        f"{name}_machine.toml": machine_toml(
+            machine, f"{file.name}, {origin}", file.source, file.remark, limits, five_axes
+        ),
     }
 
 
