@@ -7,9 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.language.kernels.source import by_field
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.motion import (
     LINE,
+    Limits,
     Motion,
     Part,
     Pause,
@@ -120,7 +122,8 @@ class Overridden:
 
     def __init__(self, limits: np.ndarray, override: Override) -> None:
         self._limits, self._override = np.ascontiguousarray(limits, float), override
-        self._soon = _AGAIN * float(np.min(self._limits[:, 0] / self._limits[:, 1]))
+        of_axis = by_field(Limits, self._limits)
+        self._soon = _AGAIN * float(np.min(np.asarray(of_axis.velocity) / of_axis.acceleration))
         self.time = 0.0
         self._ahead: list[Section] = []  # the path from the piece on which the motion is, at 100 %
         self._moves, self._x = False, 0.0  # x is that of a rest within a run
@@ -274,7 +277,8 @@ class Overridden:
         """Yield a part that brakes to rest, and the motion from there on."""
         self._factor = 0.0
         yield part
-        self._moves, self._x = False, _end(part.motion, part.pieces)[1]
+        _, x, _ = _end(part.motion, part.pieces)
+        self._moves, self._x = False, x
         yield from self._from_rest(ends)
 
     def _braked(self, run: Pieces, state: Moving, speed: float | None, factor: float) -> Motion | None:

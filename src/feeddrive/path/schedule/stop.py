@@ -228,37 +228,37 @@ def quickest_stop(
     straight  the stop on a straight path, to begin with
     limits    limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
     """
-    unit, T = float(np.max(limits[:, 3])), float(straight.duration.sum())
-    longest = _LONGEST * T if known is None else float(known.duration.sum())
-    n = min(max(_SPANS, int(_A_PHASE * T / np.max(limits[:, 2] / limits[:, 3]))), _MOST)
+    unit, lasts = float(np.max(limits[:, 3])), float(straight.duration.sum())
+    longest = _LONGEST * lasts if known is None else float(known.duration.sum())
+    n = min(max(_SPANS, int(_A_PHASE * lasts / np.max(limits[:, 2] / limits[:, 3]))), _MOST)
     aims = np.full((n, *limits.shape), _AIM)
     points = [(k, part) for k in range(n) for part in _PARTS]
 
-    def at(T: float, snaps: np.ndarray) -> tuple[_Transcribed, np.ndarray, float]:
-        tried = _Transcribed(pieces, state, limits, T, points, aims, unit)
+    def at(lasts: float, snaps: np.ndarray) -> tuple[_Transcribed, np.ndarray, float]:
+        tried = _Transcribed(pieces, state, limits, lasts, points, aims, unit)
         return tried, *tried.least(snaps)
 
     # longer and longer, each begun with the last one: the path taken changes little
-    low, snaps, use = 0.0, _shape(straight, n, T, unit), np.inf
-    while longest > T:
-        _, snaps, use = at(T, snaps)
+    low, snaps, use = 0.0, _shape(straight, n, lasts, unit), np.inf
+    while longest > lasts:
+        _, snaps, use = at(lasts, snaps)
         if use <= 1.0:
             break
         longer = min(max(use**_POWER, _LITTLE), _MUCH)
-        low, T, snaps = T, longer * T, snaps / longer**3
+        low, lasts, snaps = lasts, longer * lasts, snaps / longer**3
     if use > 1.0:
         return known
     for _ in range(_HALVINGS if low else 0):
-        middle = 0.5 * (low + T)
-        _, found, use = at(middle, snaps * (T / middle) ** 3)
+        middle = 0.5 * (low + lasts)
+        _, found, use = at(middle, snaps * (lasts / middle) ** 3)
         if use <= 1.0:
-            T, snaps = middle, found
+            lasts, snaps = middle, found
         else:
             low = middle
     for _ in range(_ROUNDS):
-        if longest <= T:
+        if longest <= lasts:
             break
-        tried, snaps, use = at(T, snaps)
+        tried, snaps, use = at(lasts, snaps)
         if use <= 1.0:
             motion = tried.motion(snaps)
             faults = faults_of(pieces, motion, limits)
@@ -269,7 +269,7 @@ def quickest_stop(
                     return known
                 axis, number = divmod(int(which), len(Limits._fields)) if which >= 0 else (slice(None), 0)
                 aims[max(int(where) - 1, 0) : int(where) + 2, axis, number] *= _TIGHTER
-                points.append((int(where), float(t) * n / T))
+                points.append((int(where), float(t) * n / lasts))
         longer = min(max(use**_POWER, _SLOWER), _MUCH)
-        T, snaps = longer * T, snaps / longer**3
+        lasts, snaps = longer * lasts, snaps / longer**3
     return known
