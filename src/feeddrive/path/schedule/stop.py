@@ -33,6 +33,10 @@ _LONGEST = 3.0  # of the time on a straight path: longer stops are not looked fo
 _POWER = 0.35  # a time is multiplied by this power of the utilization that it needs
 _LITTLE = 1.01  # smallest such factor
 _MUCH = 1.15  # largest one
+_WIDEST = 1.8  # of the unit: largest snap, in a direction between the axes
+_EASY = 0.95  # of the aim: a program need not do better
+_PROGRESS = 0.99  # of an excess: a program that leaves more is the last one for a time
+_BACK = 1e-12  # of the present speed: rounding of a speed of 0
 
 
 @kernel
@@ -71,12 +75,13 @@ class _Transcribed:
         begins = [(np.array(state), np.zeros((4, n)))]
         for k in range(n):
             begins.append(_later(*begins[-1], k, h, unit))
-        self.begins = begins
+        self._begins = begins
         points = sorted(points)
         states = [_later(*begins[k], k, part * h, unit) for k, part in points]
         self._span = np.array([k for k, _ in points])
         self.constant, self.slope = (np.array(each) for each in zip(*states, strict=True))
-        self.end = begins[-1][0][1:], begins[-1][1][1:]
+        last, by_snaps = begins[-1]
+        self.end = last[1:], by_snaps[1:]
         at = h * np.sum(points, axis=1)
         part = np.minimum(at / (_STARTS * T), 1.0)[:, None, None]
         most = 1.0 - (1.0 - aims[self._span]) * np.where(np.arange(4) < 3, part, 1.0)
@@ -96,10 +101,11 @@ class _Transcribed:
         u .. u'''' there.
         """
         states = self.constant + self.slope @ snaps
-        axes = self._limits.shape[2]
-        out = np.zeros((len(states), axes, 5))
-        _along(self._pieces, np.maximum.accumulate(states[:, 0]), out, rows_for(Derivatives, axes))
-        v, a, j = (each[:, None] for each in states.T[1:])
+        _, n, axes = self._limits.shape
+        u, *higher = states.T
+        out = np.zeros((n, axes, 5))
+        _along(self._pieces, np.maximum.accumulate(u), out, rows_for(Derivatives, axes))
+        v, a, j = (each[:, None] for each in higher)
         s = (snaps * self._unit)[self._span][:, None]
         _, r1, r2, r3, r4 = np.moveaxis(out, 2, 0)
         nothing = np.zeros_like(r1)
@@ -127,8 +133,8 @@ class _Transcribed:
         ]
         value = np.stack(values, axis=2)
         # the present velocity to jerk are as they are
-        value[0, :, :3] = 0.0
-        point = np.broadcast_to(np.arange(len(states))[:, None, None], value.shape)
+        value[0][:, :3] = 0.0
+        point = np.broadcast_to(np.arange(n)[:, None, None], value.shape)
         slope = np.stack([np.stack(each, axis=2) for each in slopes], axis=2)
         return value.ravel(), point.ravel(), slope.reshape(-1, 5)
 
@@ -140,33 +146,36 @@ class _Transcribed:
         from scipy.optimize import linprog
 
         constant, slope = self.end
-        n = slope.shape[1]
+        _, n = slope.shape
+        u0, v0, _, _ = self.constant.T
+        by_u, by_v, _, _ = np.moveaxis(self.slope, 1, 0)
         size = np.linalg.norm(slope, axis=1)
         snaps = self.at_rest(snaps)
         length = float(np.sum(self._pieces.length))
         last = np.inf
         for _ in range(_PROGRAMS):
             value, point, by_state = self.shares(snaps)
-            states = self.constant + self.slope @ snaps
+            u, v = u0 + by_u @ snaps, v0 + by_v @ snaps
             largest = float(np.max(np.abs(value)))
-            stays = np.min(states[:, 1]) >= -_BACK * states[0, 1] and states[-1, 0] <= length
+            stays = np.min(v) >= -_BACK * v[0] and u[-1] <= length
             if stays and (largest <= 1.0 or largest > _PROGRESS * last):
                 return snaps, largest
             last = largest
             near = np.any(by_state[:, 2:] != 0.0, axis=1) | (np.abs(value) > _LOOKED)
-            rows = np.einsum("ck,ckn->cn", by_state[near][:, :4], self.slope[point[near]])
-            rows[np.arange(len(rows)), self._span[point[near]]] += by_state[near][:, 4] * self._unit
+            *_, by_snap = by_state[near].T
+            rows = np.einsum("ck,ckn->cn", by_state[near][:, :-1], self.slope[point[near]])
+            rows[np.arange(len(rows)), self._span[point[near]]] += by_snap * self._unit
             offset = value[near] - rows @ snaps
             rows, offset = np.vstack([rows, -rows]), np.append(offset, -offset)
             # excess over the limits as the last unknown; the motion goes forward, and stays on the path
             matrix = np.vstack(
                 [
                     np.column_stack([rows, -np.ones(len(rows))]),
-                    np.column_stack([-self.slope[:, 1] / states[0, 1], np.zeros(len(states))]),
-                    np.append(self.slope[-1, 0] / length, 0.0)[None],
+                    np.column_stack([-by_v / v[0], np.zeros(len(v))]),
+                    np.append(by_u[-1] / length, 0.0)[None],
                 ]
             )
-            right = np.concatenate([-offset, self.constant[:, 1] / states[0, 1], [1.0 - self.constant[-1, 0] / length]])
+            right = np.concatenate([-offset, v0 / v[0], [1.0 - u0[-1] / length]])
             found = linprog(
                 np.append(np.zeros(n), 1.0),
                 matrix,
@@ -188,16 +197,10 @@ class _Transcribed:
     def motion(self, snaps: np.ndarray) -> Motion:
         """Return the motion with these snaps."""
         n = len(snaps)
-        u, v, a, j = np.array([constant + slope @ snaps for constant, slope in self.begins[:-1]]).T
+        u, v, a, j = np.array([constant + slope @ snaps for constant, slope in self._begins[:-1]]).T
         joints = np.concatenate([[0.0], np.cumsum(self._pieces.length)])
         piece = np.clip(np.searchsorted(joints, u, side="right") - 1, 0, len(joints) - 2)
         return Motion(np.full(n, self._h), piece, u - joints[piece], v.copy(), a.copy(), j.copy(), snaps * self._unit)
-
-
-_WIDEST = 1.8  # of the unit: largest snap, in a direction between the axes
-_EASY = 0.95  # of the aim: a program need not do better
-_PROGRESS = 0.99  # of an excess: a program that leaves more is the last one for a time
-_BACK = 1e-12  # of the present speed: rounding of a speed of 0
 
 
 def _later(constant: np.ndarray, slope: np.ndarray, k: int, t: float, unit: float) -> tuple[np.ndarray, np.ndarray]:
@@ -228,9 +231,10 @@ def quickest_stop(
     straight  the stop on a straight path, to begin with
     limits    limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
     """
-    unit, lasts = float(np.max(limits[:, 3])), float(straight.duration.sum())
+    _, _, jerk, snap = limits.T
+    unit, lasts = float(np.max(snap)), float(straight.duration.sum())
     longest = _LONGEST * lasts if known is None else float(known.duration.sum())
-    n = min(max(_SPANS, int(_A_PHASE * lasts / np.max(limits[:, 2] / limits[:, 3]))), _MOST)
+    n = min(max(_SPANS, int(_A_PHASE * lasts / np.max(jerk / snap))), _MOST)
     aims = np.full((n, *limits.shape), _AIM)
     points = [(k, part) for k in range(n) for part in _PARTS]
 
