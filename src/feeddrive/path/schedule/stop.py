@@ -17,7 +17,7 @@ from feeddrive.path.schedule.brake import Moving
 
 _SPANS = 24  # least number of spans
 _MOST = 56  # largest one
-_A_PHASE = 0.7  # number of spans in the time j/s of the axes
+_A_PHASE = 1.0  # number of spans in the time j/s of the axes
 _PARTS = (0.0, 0.5, 1.0)  # of a span: the points; there are more where the proof fails
 _AIM = 0.996  # utilization of the limits there
 _TIGHTER = 0.97  # reduction of a limit in the spans in which the proof fails between the points, and beside them
