@@ -31,7 +31,7 @@ from feeddrive.path.schedule.stop import quickest_stop
 
 _SPEEDS = 8  # largest number of trial speeds to brake to
 _SLOWER = 0.7  # ratio of two of them, where the path ahead leaves no room to stop
-_AGAIN = 0.1  # of the time in which an axis stops from its largest speed: the longest time to another trial
+_AGAIN = 0.1  # of the longest time in which an axis stops: the longest time to another trial
 _NEAR = 1e-9  # of the way: a stop so close to the end of the run is the one at its end
 _ROUNDING = 1e-9  # of a time interval: a part cut so close to its end is cut at its end
 
@@ -123,7 +123,7 @@ class Overridden:
     def __init__(self, limits: np.ndarray, override: Override) -> None:
         self._limits, self._override = np.ascontiguousarray(limits, float), override
         of_axis = by_field(Limits, self._limits)
-        self._soon = _AGAIN * float(np.min(np.asarray(of_axis.velocity) / of_axis.acceleration))
+        self._soon = _AGAIN * float(np.max(np.asarray(of_axis.velocity) / of_axis.acceleration))
         self.time = 0.0
         self._ahead: list[Section] = []  # the path from the piece on which the motion is, at 100 %
         self._moves, self._x = False, 0.0  # x is that of a rest within a run
