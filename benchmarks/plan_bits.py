@@ -33,7 +33,7 @@ import feeddrive
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.motion import Pause
 from feeddrive.path.program.reading import read_program
-from feeddrive.path.schedule.run import Override, override
+from feeddrive.path.schedule.override import Override, override
 from feeddrive.path.setpoints import planned
 
 BUNDLED = Path(feeddrive.__file__).parent / "files" / "bundled" / "programs"

@@ -12,7 +12,7 @@ from sample_check import Curve, check_limits, check_path, curves
 from feeddrive.path.limits import AxisLimits, MachineLimits
 from feeddrive.path.motion import Part
 from feeddrive.path.program.moves import Arc, Feed, Move, Spline, Straight
-from feeddrive.path.schedule.run import MOST, Override, override
+from feeddrive.path.schedule.override import MOST, Override, override
 from feeddrive.path.setpoints import Setpoints, planned
 
 ALL_KINDS = (*KINDS, "all axes")

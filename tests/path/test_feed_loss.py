@@ -31,7 +31,7 @@ from feeddrive.path.motion import ARC
 from feeddrive.path.planned import Planned, planned_of
 from feeddrive.path.program.moves import Move
 from feeddrive.path.program.reading import read_program
-from feeddrive.path.schedule.run import override
+from feeddrive.path.schedule.override import override
 from feeddrive.path.setpoints import Setpoints
 from feeddrive.workflow.plan import PlanRequest, plan
 

@@ -11,13 +11,17 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from override_cases import Case, check_case, drawn_case, samples
 from paths import LIMITS
+from quickest_stop import lasts, quickest, state_at
 from sample_check import Curve, check_limits, check_path, curves
 
+import feeddrive as fd
 from feeddrive.language.errors import ParameterError
-from feeddrive.path.motion import Motion, Pause, way
+from feeddrive.path.motion import LINE, Motion, Pause, Pieces, line_shapes, way
+from feeddrive.path.program.moves import Move
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof import Prover
-from feeddrive.path.schedule.run import Override, override, read_steps
+from feeddrive.path.schedule.brake import Moving, braking
+from feeddrive.path.schedule.override import Override, override, read_steps
 from feeddrive.path.setpoints import Sampler, planned
 
 # lines with a blend, a corner of 90 degrees, arcs, a cluster of chords, a traverse and a dwell
@@ -58,13 +62,13 @@ def gone(motion: Motion) -> float:
     return sum(way(*row) for row in rows)
 
 
-def moved(program: Path, override: Override | None) -> Moved:
+def moved(program: Path, override: Override | None, limits: np.ndarray = LIMITS) -> Moved:
     """A program under an override, proven."""
-    prover, sampler = Prover(LIMITS), Sampler(1e-3)
+    prover, sampler = Prover(limits), Sampler(1e-3)
     time = far = 0.0
     positions: list[np.ndarray] = []
     holds: list[tuple[float, float]] = []
-    for each in planned(read_program(program), "XYZ", LIMITS, override):
+    for each in planned(read_program(program), "XYZ", limits, override):
         if isinstance(each, Pause):
             if each.why == "Hold":
                 holds.append((time, each.duration))
@@ -80,11 +84,11 @@ def moved(program: Path, override: Override | None) -> Moved:
     return Moved(time, far, np.concatenate(positions), holds)
 
 
-def same_path(found: Moved, whole: Moved) -> None:
+def same_path(found: Moved, whole: Moved, within: float = 1e-8) -> None:
     """Nothing of the path is lost or passed twice."""
     assert found.way == pytest.approx(whole.way, rel=1e-12)
     # both stop at the same place; the last sample is less than 1 ms before, 1e-8 m at these limits
-    assert np.abs(found.positions[-1] - whole.positions[-1]).max() <= 1e-8
+    assert np.abs(found.positions[-1] - whole.positions[-1]).max() <= within
 
 
 def held(program: Path, whole: Moved, begin: float) -> float:
@@ -99,27 +103,101 @@ def held(program: Path, whole: Moved, begin: float) -> float:
     return since - begin
 
 
-def test_a_hold_at_any_time_stands_within_a_quarter_of_a_second(program: Path) -> None:
-    """From 100 mm/s the shortest stop takes 0.066 s; before it the ramps that have begun, or 0.05 s of a plateau."""
+def test_a_hold_at_any_time_stands_within_a_tenth_of_a_second(program: Path) -> None:
+    """From 100 mm/s the shortest stop on a line takes 0.066 s; more where a ramp up has begun."""
     whole = moved(program, override([]))
-    for begin in np.linspace(0.02, 0.95, 6) * whole.time:
-        assert held(program, whole, float(begin)) <= 0.25
+    for begin in np.linspace(0.02, 0.95, 4) * whole.time:
+        assert held(program, whole, float(begin)) <= 0.1
 
 
 @pytest.mark.slow(reason="a program is planned and proven for a hold at every 10 ms: 30 s")
 def test_a_hold_at_every_10_ms(program: Path) -> None:
-    """At most 0.215 s was measured, where a ramp up and one down had to be ended, and 0.094 s in the middle."""
+    """At most 0.0933 s was measured, where a ramp up had begun, and 0.0653 s in the middle."""
     whole = moved(program, override([]))
     for begin in np.arange(0.0, whole.time, 0.01):
-        assert held(program, whole, float(begin)) <= 0.25
+        assert held(program, whole, float(begin)) <= 0.1
+
+
+CURVE = "G21 G90 G64 P0.1\nG1 F24000 X2\n{chords}\nM2\n"
+
+
+def wavy(folder: Path) -> list[Move]:
+    """Chords of 1 mm of a curve whose curvature varies, at 400 mm/s."""
+    angle = np.linspace(0.0, 1.2, 80)
+    radius = 50.0 + 10.0 * np.sin(7.0 * angle)
+    points = zip(2.0 + radius * np.sin(angle), radius * np.cos(angle) - 50.0, strict=True)
+    path = folder / "wavy.ngc"
+    path.write_text(CURVE.format(chords="\n".join(f"X{x:.4f} Y{y:.4f}" for x, y in points)), encoding="utf-8")
+    return list(read_program(path))
+
+
+def stands(moves: list[Move], begin: float) -> float:
+    """Return how long a hold that begins then takes to a standstill, s."""
+    time = 0.0
+    for each in planned(moves, "XYZ", LIMITS, override([(begin, 0.0), (begin + 3.0, 1.0)])):
+        if isinstance(each, Pause):
+            return time - begin
+        time += lasts(each)
+    raise AssertionError("it does not hold")
+
+
+def compared(moves: list[Move], share: float) -> float:
+    """Return the time to standstill of a hold after this share of the motion over that of the quickest stop."""
+    parts = list(planned(moves, "XYZ", LIMITS))
+    begin = share * sum(map(lasts, parts))
+    found, took = state_at(parts, begin), stands(moves, begin)
+    assert found
+    return took / quickest(found[0], LIMITS, found[1], took)
+
+
+@pytest.mark.slow(reason="each quickest stop is some thirty linear programs: 20 s")
+@pytest.mark.parametrize("share", [0.2, 0.35, 0.5, 0.65, 0.8])
+def test_a_hold_on_a_curve_takes_little_longer_than_the_quickest_stop(tmp_path: Path, share: float) -> None:
+    assert 0.98 <= compared(wavy(tmp_path), share) <= 1.1
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.1, 0.4])
+def test_a_stop_on_a_line_is_the_quickest(speed: float) -> None:
+    """Three boxcars of a/j, j/s and the rest, in closed form: (v / A) + A / J + J / S."""
+    pieces = Pieces(
+        np.array([LINE]),
+        np.array([0.3]),
+        np.zeros((1, 3)),
+        line_shapes(np.array([[0.3, 0.0, 0.0]])),
+        np.array([0.5]),
+        np.array([1]),
+    )
+    J, S = LIMITS[0, 2], LIMITS[0, 3]
+    A = min(LIMITS[0, 1], -0.5 * J * J / S + np.sqrt((0.5 * J * J / S) ** 2 + J * speed))
+    stop = braking(pieces, Moving(0.01, speed, 0.0, 0.0), 0.0, LIMITS)
+    assert stop
+    assert float(np.sum(stop.duration)) == pytest.approx(speed / A + A / J + J / S, rel=1e-9)
+
+
+def test_a_hold_that_ends_while_the_motion_brakes_is_no_standstill(program: Path) -> None:
+    """The motion is cut while it brakes, too."""
+    whole = moved(program, override([]))
+    found = moved(program, override([(1.4, 0.0), (1.42, 1.0)]))
+    same_path(found, whole)
+    assert not found.holds
+    assert found.time < whole.time + 0.1
+
+
+def test_a_change_is_not_known_before_its_time(program: Path) -> None:
+    """Up to it, all samples are those without it, to the bit."""
+    whole = moved(program, None).positions
+    for time, factor in ((0.437, 0.5), (0.65, 2.0), (1.4, 0.1)):
+        found, count = moved(program, override([(time, factor)])).positions, int(1e3 * time)
+        assert np.array_equal(found[:count], whole[:count])
+        assert not np.array_equal(found[: count + 100], whole[: count + 100])
 
 
 def test_steps_of_the_factor_keep_the_limits_and_the_path(program: Path) -> None:
     """Random steps between 0 and 200 %, seed 11; the proof has the larger feed of both while the motion brakes."""
     draw, whole = np.random.default_rng(11), moved(program, override([]))
-    for _ in range(3):
-        time = np.cumsum(draw.uniform(0.02, 0.5, 12))
-        factor = draw.choice([0.0, 0.1, 0.5, 1.0, 1.5, 2.0], 12)
+    for _ in range(2):
+        time = np.cumsum(draw.uniform(0.02, 0.5, 8))
+        factor = draw.choice([0.0, 0.1, 0.5, 1.0, 1.5, 2.0], 8)
         factor[-1] = 1.0
         same_path(moved(program, override(list(zip(time.tolist(), factor.tolist(), strict=True)))), whole)
 
@@ -134,9 +212,55 @@ def test_a_factor_scales_the_feed(program: Path) -> None:
     assert moved(program, override([(0.0, 2.0)])).time < whole.time
 
 
-def test_without_steps_it_costs_little_more_than_the_plan_without_lifting(program: Path) -> None:
-    """With an override nothing is lifted: at most a tenth slower than the plan for this program."""
-    assert moved(program, override([])).time <= 1.1 * moved(program, None).time
+def unlimited(*derivatives: int) -> np.ndarray:
+    """Limits without those of some derivatives: 2 the jerk, 3 the snap."""
+    limits = LIMITS.copy()
+    limits[:, derivatives] = np.inf
+    return limits
+
+
+@pytest.mark.parametrize("limits", [LIMITS, unlimited(3), unlimited(2, 3)], ids=["snap", "jerk", "acceleration"])
+def test_a_change_on_a_plateau_is_followed_at_once(tmp_path: Path, limits: np.ndarray) -> None:
+    """100 mm/s for 3 s, of these one at the half: half a second more, and what both changes of the speed cost."""
+    path = tmp_path / "line.ngc"
+    path.write_text("G21 G90 G64 P0.05\nG1 X300 F6000\nM2\n", encoding="utf-8")
+    whole = moved(path, None, limits)
+    found = moved(path, override([(1.0, 0.5), (2.0, 1.0)]), limits)
+    same_path(found, whole)
+    # both changes of the speed take the same time, in which the way is that at the mean speed
+    assert found.time == pytest.approx(whole.time + 0.5, abs=1e-4)
+
+
+@pytest.mark.parametrize("limits", [unlimited(3), unlimited(2, 3)], ids=["jerk", "acceleration"])
+def test_without_limits_of_jerk_and_snap_a_motion_is_overridden_too(program: Path, limits: np.ndarray) -> None:
+    steps, whole = [(0.2, 0.5), (0.5, 1.5), (0.9, 0.0), (1.2, 0.7), (1.8, 1.0)], moved(program, None, limits)
+    found = moved(program, override(steps), limits)
+    same_path(found, whole, 0.5 * 5.0 * 1e-3**2)  # 5 m/s² up to the end
+    ((since, _),) = found.holds
+    assert since - 0.9 <= 0.1
+
+
+def test_tips_and_angles_are_overridden_in_their_own_coordinates(tmp_path: Path) -> None:
+    """Rotary axes count as lengths, then the tip follows the program, then they count again; steps in each."""
+    text = (
+        "G21 G90 G64 P0.01 F3000\nG1 X20 A-30 C40\nX21 C41\nG43.4 H0\n"
+        "G1 X5 Y6 Z50 A-20 C30\nX8 A-22\nG49\nG1 X1 A-10\nX0 Y3 C45\nM2\n"
+    )
+    path = tmp_path / "part.ngc"
+    path.write_text(text, encoding="utf-8")
+    plain, same, held = (
+        fd.workflow.plan(path, machine="trunnion_ac", override=steps)
+        for steps in (None, "0:100", "0.3:50, 0.6:0, 0.9:120, 1.3:0, 1.5:70, 2.4:150")
+    )
+    assert same.cycle_time == plain.cycle_time
+    assert held.violations == 0
+    assert held.tip is not None
+    assert held.tip.faults == 0
+    assert held.stop_reasons["feed hold"] == 2
+
+
+def test_at_100_percent_the_motion_is_that_without_an_override(program: Path) -> None:
+    assert np.array_equal(moved(program, override([])).positions, moved(program, None).positions)
 
 
 @pytest.mark.parametrize(
@@ -183,7 +307,16 @@ def case(path: Path, steps: list[tuple[float, float]]) -> Case:
     return Case(path.name, list(read_program(path)), "XYZ", LIMITS, steps)
 
 
-@pytest.mark.parametrize(("feed", "radius", "time"), [(30000, 20, 0.2), (30000, 20, 0.5), (12000, 5, 0.1)])
+@pytest.mark.parametrize(
+    ("feed", "radius", "time"),
+    [
+        (30000, 20, 0.2),
+        (30000, 20, 0.5),
+        pytest.param(
+            12000, 5, 0.1, marks=pytest.mark.slow(reason="one more circle: 1.4 s of CPU")
+        ),
+    ],
+)
 def test_a_smaller_feed_leaves_a_motion_alone_that_is_slow_for_another_reason(
     tmp_path: Path, feed: float, radius: float, time: float
 ) -> None:
@@ -202,7 +335,7 @@ def test_a_part_that_ends_behind_a_joint_overlaps_only_before_it(tmp_path: Path)
     check_case(Case(path.name, list(read_program(path)), "XYU", limits, [(0.3, 0.5)]))
 
 
-@settings(max_examples=5, phases=(Phase.explicit, Phase.generate))
+@settings(max_examples=3, phases=(Phase.explicit, Phase.generate))
 @given(number=st.integers(0, 2**31))
 def test_every_sample_of_drawn_programs_under_drawn_overrides_holds(number: int) -> None:
     """All kinds of programs, holds, 1 to 200 %; `python benchmarks/random_overrides.py` has ten thousand cases."""
@@ -214,7 +347,7 @@ def test_the_clock_is_rounded_late_in_a_slow_motion() -> None:
     check_case(drawn_case(5421, 24))
 
 
-@pytest.mark.slow(reason="six hundred drawn programs under drawn overrides: 240 s; the quick test has five")
+@pytest.mark.slow(reason="six hundred drawn programs under drawn overrides: 240 s; the quick test has three")
 def test_every_sample_of_many_drawn_programs_under_drawn_overrides_holds() -> None:
     for number in range(600):
         check_case(drawn_case(number, 3))

@@ -43,9 +43,10 @@ from feeddrive.path.proof import Prover, faults_of
 from feeddrive.path.purpose import DEFAULT
 from feeddrive.path.schedule import lift, plan, ramp, spline
 from feeddrive.path.schedule.lift import Lifter
+from feeddrive.path.schedule.override import override
 from feeddrive.path.schedule.plan import timed
 from feeddrive.path.schedule.ramp import pieces_room
-from feeddrive.path.schedule.run import SHARES, Schedule, override, plan_run
+from feeddrive.path.schedule.run import SHARES, Schedule, plan_run
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill, causes
 from feeddrive.path.tip_proof import TipProver
 
@@ -262,7 +263,7 @@ def test_chains_of_up_to_100_segments_are_planned_in_two_ways(
 
     monkeypatch.setattr(setpoints, "Joiner", Joiner)
     chain = Chain(lines(np.zeros((2, 3)) + np.arange(2)[:, None], 0.1), np.zeros(count), True)
-    setpoints._quicker(chain, LIMITS)
+    setpoints._quicker(chain, LIMITS, 1.0)
     assert bool(made) is twice
 
 
@@ -287,29 +288,6 @@ def test_six_tenths_of_a_window_become_final() -> None:
     part = next(iter(Schedule(LIMITS).add(straight(500))))
     assert isinstance(part, Part)
     assert 0.2 < float(np.sum(part.pieces.length)) < 0.3  # of 400 mm
-
-
-def test_a_plateau_is_final_50_ms_at_once_if_the_feed_may_change() -> None:
-    parts = [*Schedule(LIMITS, override=override([(100.0, 0.5)])).add(straight(500))]
-    plateaus = [p.motion.duration for p in parts if isinstance(p, Part) and not np.any(p.motion.snap)]
-    longest = max(float(np.sum(duration)) for duration in plateaus)
-    assert 0.04 < longest <= 0.05 * (1.0 + 1e-9)
-
-
-def test_a_lower_feed_on_a_path_that_slows_down_does_not_wait_for_a_node() -> None:
-    """The feeds of lines of 1.3 mm fall by 5 % each, so that six speeds to brake to are tried; 56 % after 0.06 s."""
-    count, limits = 60, np.array([[0.5, 0.5, 200.0, 5e4]] * 3)
-    section = straight(count)
-    feed = 0.4 * 0.95 ** np.arange(count)
-    section = Section(section.pieces._replace(length=np.full(count, 1.3e-3), feed=feed), True)
-    section.pieces.shape[:, 0, 1] = 1.3e-3
-    time = 0.0
-    for part in Schedule(limits, override=override([(0.06, 0.56)])).add(section):
-        assert isinstance(part, Part)
-        if part.pieces.feed[0] < 0.9 * feed[part.pieces.line[0]]:
-            break
-        time += float(np.sum(part.motion.duration))
-    assert time - 0.06 < 0.45
 
 
 def test_planning_a_ramp_ends_after_some_sixteen_passes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -381,7 +359,7 @@ def test_speed_limits_within_a_thousandth_are_made_equal(ratio: float, level: bo
     pieces = lines(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]]), 0.1)
     caps = np.zeros((2, 2))
     pieces = pieces._replace(feed=pieces.feed * [1.0, ratio])
-    pieces_room(pieces, 1.0, LIMITS, 0.9, 0.6, np.zeros((2, 3, 4)), caps)
+    pieces_room(pieces, LIMITS, 0.9, 0.6, np.zeros((2, 3, 4)), caps)
     assert bool(caps[0, 0] == caps[1, 0]) is level
 
 
@@ -521,7 +499,7 @@ def test_next_to_an_arc_only_corners_of_more_than_a_fifth_of_a_radian_stop(turn:
 @pytest.mark.parametrize(("turn", "tried"), [(1.5e-9, False), (3e-9, True)])
 def test_a_turn_of_2e_9_is_a_corner_that_may_be_passed_in_time(turn: float, tried: bool) -> None:
     chain = Chain(line_and_arc(turn), np.full(2, 1e-5), True)
-    assert (setpoints._quicker(chain, LIMITS) is not None) is tried
+    assert (setpoints._quicker(chain, LIMITS, 1.0) is not None) is tried
 
 
 @pytest.mark.parametrize(("turn", "least", "most"), [(0.7e-3, 0.035, 0.05), (1.5e-3, 0.12, 1.0)])
@@ -658,11 +636,7 @@ def wavy() -> Pieces:
 def lifting() -> list[tuple[Part, list[Part], Part | None]]:
     """Each part of a wavy path, what lifting makes final after it, and what waits then."""
     lifter = Lifter(LIMITS)
-    return [
-        (part, [*lifter.add(part)], lifter.hand)
-        for part in Schedule(LIMITS, 100).add(Section(wavy(), True))
-        if isinstance(part, Part)
-    ]
+    return [(part, [*lifter.add(part)], lifter.hand) for part in Schedule(LIMITS, 100).add(Section(wavy(), True))]
 
 
 def count_of(part: Part) -> int:

@@ -93,11 +93,6 @@ def test_a_job_takes_the_purpose_of_the_plan(tmp_path: Path) -> None:
     assert planned.settings == settings("finishing")
 
 
-def test_an_override_is_not_lifted_and_says_so(tmp_path: Path) -> None:
-    outcome = plan.run(PlanRequest(part(tmp_path), machine="xy_table", purpose="finishing", override="0.1:50"))
-    assert any("not lifted (override)" in remark for remark in outcome.remarks)
-
-
 @pytest.mark.parametrize("text", ["", "0", "101", "50,50", "a", "50,,50", "nan", "100,50,-1"])
 def test_wrong_dynamics_are_refused(text: str) -> None:
     with pytest.raises(ParameterError, match=r"--dynamics: .*above 0 and at most 100, such as 100,50,50"):

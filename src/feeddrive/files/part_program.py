@@ -533,7 +533,6 @@ def plan_record(plan: Planned) -> dict[str, Any]:
             "purpose": plan.settings.purpose or None,
             "tolerance_m": plan.settings.tolerance,
             **{f"{name}_share": share for name, share in plan.settings.dynamics._asdict().items()},
-            "lifted": plan.settings.lifted,
             "replaced_by_options": list(plan.settings.options),
         },
         "limits": uses,

@@ -59,14 +59,12 @@ class Settings(NamedTuple):
     purpose    name of the purpose; empty without one
     tolerance  tolerance of corners where the program states none, m; None: the motion stops there
     dynamics   shares of the limits
-    lifted     True if motions are lifted
     options    names of the options that replace what the purpose sets
     """
 
     purpose: str = ""
     tolerance: float | None = None
     dynamics: Dynamics = Dynamics()
-    lifted: bool = True
     options: tuple[str, ...] = ()
 
     def sentence(self, stated: int = 0) -> Text:
@@ -75,10 +73,9 @@ class Settings(NamedTuple):
         shares = ", ".join(f"{name} {Quantity(share, 'share'):3}" for name, share in self.dynamics._asdict().items())
         kept = f"; the program states {stated} of its own, which stand" if stated else ""
         by = f"; by {' and '.join(self.options)}, not by the purpose" if self.options else ""
-        lifted = "lifted" if self.lifted else "not lifted (override)"
         return Text(
             f"For {self.purpose}: tolerance {Quantity(self.tolerance, 'm'):3 mm} where the program states none{kept}; "
-            f"of the limits {shares}; {lifted}{by}."
+            f"of the limits {shares}{by}."
         )
 
 
@@ -86,15 +83,13 @@ DEFAULT = Settings()
 """The settings of a plan without a purpose and without options."""
 
 
-def settings(
-    purpose: str | None, tolerance: float | None = None, dynamics: Dynamics | None = None, lifted: bool = True
-) -> Settings:
+def settings(purpose: str | None, tolerance: float | None = None, dynamics: Dynamics | None = None) -> Settings:
     """Return what a plan is made with: the tolerance (m) and the dynamics that are given, otherwise the purpose's.
 
     Raises ParameterError for an unknown purpose.
     """
     if purpose is None:
-        return Settings("", tolerance, dynamics or Dynamics(), lifted)
+        return Settings("", tolerance, dynamics or Dynamics())
     if purpose not in PURPOSES:
         raise ParameterError(f"the purpose {shown(purpose)} is none of {', '.join(PURPOSES)}")
     chosen = PURPOSES[purpose]
@@ -103,7 +98,6 @@ def settings(
         purpose,
         chosen.tolerance if tolerance is None else tolerance,
         dynamics or chosen.dynamics,
-        lifted,
         tuple(options),
     )
 

@@ -48,9 +48,8 @@ from feeddrive.path.program.budget import Spending
 from feeddrive.path.program.moves import Arc, Begin, Move, Spline, Straight, ToolPoint
 from feeddrive.path.proof import Prover
 from feeddrive.path.purpose import DEFAULT, Settings
-from feeddrive.path.schedule.corner import Crossings
-from feeddrive.path.schedule.lift import Lifter
-from feeddrive.path.schedule.run import Override, Schedule
+from feeddrive.path.schedule.override import Overridden, Override
+from feeddrive.path.schedule.planner import Planner
 from feeddrive.path.tip_proof import LEFT, TipProver
 
 # planning twice takes twice the time, so longer chains are joined by geometry alone
@@ -73,8 +72,7 @@ def planned(
 
     axes             letters of the machine's axes, in the order of `limits`
     limits           limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
-    override         feed override; with it motions are not lifted, so that the planned motion is final only a short
-                     time ahead
+    override         feed override
     angle_tolerance  tolerance of the rotary axes, as in `chains`, rad
     tip              the prover of paths of the tip, which also has the travel of the joints
     spending         counts motion and processor time, as in `chains`
@@ -85,8 +83,8 @@ def planned(
     of_tip: TipColumns | None = None
     tip = tip or TipProver()
     weighted = limits  # in the coordinates of the path, in which angles are lengths
-    joiner, schedule, crossings = Joiner(), Schedule(limits, override=override), Crossings(limits)
-    lifter = Lifter(limits) if override is None else None
+    joiner, planner = Joiner(), Planner(limits)
+    overridden = None if override is None else Overridden(limits, override)
     joints: deque[str] = deque()  # path modes of the undecided joints
     modes: deque[str] = deque()  # path modes at the ends of runs not yet yielded
     lines = _Lines()
@@ -96,36 +94,35 @@ def planned(
             if isinstance(part, Pause):
                 yield part
                 continue
-            # an overlap is contained in both runs, so that its time was counted twice
-            if part.entering is not None:
-                schedule.time -= float(part.motion.duration.sum())
             part = _in_radians(lines.told(part), weights) if of_tip is None else part._replace(tip=of_tip)
             yield part._replace(mode=modes.popleft()) if part.ends else part
 
     for segments in chains(moves, axes, angle_tolerance, spending):
         if isinstance(segments, Pause):
-            schedule.time += segments.duration
+            if overridden is not None:
+                overridden.wait(segments.duration)
             yield segments
             continue
         same = segments.weights is None or (weights is not None and np.array_equal(segments.weights, weights))
         if segments.tip is not of_tip or (segments.tip is None and not same):
             # at a stop, where all earlier parts have been yielded
-            of_tip, weights, time = segments.tip, segments.weights, schedule.time
+            of_tip, weights = segments.tip, segments.weights
             # the joints of a tip are planned in m and rad
             weighted = limits if weights is None or of_tip else limits * weights[:, None]
             # overlapping runs are measured along axes: corners of a tip are rounded, or it stops
             joiner = Joiner() if of_tip is None else Joiner(lonely=np.inf)
-            schedule, crossings = Schedule(weighted, override=override), Crossings(weighted)
-            schedule.time = time
-            lifter = Lifter(weighted) if lifter else None
+            planner = Planner(weighted)
+            if overridden is not None:
+                overridden.measure(weighted)
         # only a chain from rest to rest can be planned by itself, in either way
         if of_tip is not None:
             segments = segments._replace(tolerance=np.where(segments.tolerance > LEFT, segments.tolerance - LEFT, 0.0))
-        alone = lifter and joiner.rests and segments.ends and of_tip is None
-        whole = _quicker(segments, weighted) if alone else None
+        alone = joiner.rests and segments.ends and of_tip is None
+        whole = _quicker(segments, weighted, overridden.factor() if overridden else 1.0) if alone else None
         sections, joint = whole[:2] if whole else joiner.join(segments)
-        for section in sections:
-            lines.add(section)
+        if of_tip is None:  # the pieces of a tip have their lines themselves
+            for section in sections:
+                lines.add(section)
         joints.extend(segments.modes)
         for stop in joint.stop:
             mode = joints.popleft()
@@ -134,7 +131,11 @@ def planned(
         if of_tip is not None:
             tip.join(joint.deviation, segments)
             sections = [tip.joints(section, segments, of_tip) for section in sections]
-        yield from leaving(whole[2] if whole else _planned_along(sections, segments.ends, schedule, lifter, crossings))
+        if overridden is not None:
+            parts = overridden.along(sections, segments.ends, whole[2] if whole else None)
+        else:
+            parts = whole[2] if whole else planner.along(sections, segments.ends)
+        yield from leaving(parts)
 
 
 class _Run:
@@ -198,29 +199,9 @@ def _in_radians(part: Part, weights: np.ndarray | None) -> Part:
     return part._replace(pieces=counted(part.pieces, 1.0 / weights), entering=entering, weights=weights)
 
 
-def _planned_along(
-    sections: list[Section], ends: bool, schedule: Schedule, lifter: Lifter | None, crossings: Crossings
-) -> Iterator[Part | Pause]:
-    """Yield the parts that are final after these sections of a chain: all of them if it `ends`."""
-    for section in sections:
-        line = crossings.add_line(section) if lifter and schedule.rests else None
-        if line is not None:
-            yield from line
-            continue
-        for part in schedule.add(section):
-            if isinstance(part, Pause):
-                yield from crossings.end()
-                yield part
-                continue
-            for lifted in lifter.add(part) if lifter else (part,):
-                yield from crossings.add(lifted, section.tolerance)
-    if ends:
-        yield from crossings.end()
-
-
-def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, list[Part | Pause]] | None:
-    """Plan a short chain in two ways, once with splines and blends and once with overlapping runs at all corners;
-    return the faster plan.
+def _quicker(chain: Chain, limits: np.ndarray, factor: float) -> tuple[list[Section], Joint, list[Part]] | None:
+    """Plan a short chain at a feed factor in two ways, once with splines and blends and once with overlapping runs at
+    all corners; return the faster plan.
 
     The result is None if the chain is not short, or if both plans are identical.
     """
@@ -230,15 +211,12 @@ def _quicker(chain: Chain, limits: np.ndarray) -> tuple[list[Section], Joint, li
     usual, in_time = Joiner().join(chain), Joiner(SMOOTH, 0.0).join(chain)
     if np.array_equal(usual[1].stop, in_time[1].stop):
         return None
-    whole = [
-        (*joined, list(_planned_along(joined[0], True, Schedule(limits), Lifter(limits), Crossings(limits))))
-        for joined in (usual, in_time)
-    ]
+    whole = [(*joined, list(Planner(limits, factor).along(joined[0], True))) for joined in (usual, in_time)]
     return min(whole, key=lambda candidate: _lasts(candidate[2]))
 
 
-def _lasts(parts: list[Part | Pause]) -> float:
-    return sum(float(part.motion.duration.sum()) for part in parts if isinstance(part, Part))
+def _lasts(parts: list[Part]) -> float:
+    return sum(float(part.motion.duration.sum()) for part in parts)
 
 
 @kernel

@@ -33,7 +33,7 @@ from feeddrive.path.program.dialects import DIALECTS, DialectName
 from feeddrive.path.program.moves import Begin, Ignored, Move, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
 from feeddrive.path.purpose import PURPOSES, read_dynamics, settings, with_tolerance
-from feeddrive.path.schedule.run import read_steps
+from feeddrive.path.schedule.override import read_steps
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 from feeddrive.report.machining_report import plan_report
 from feeddrive.report.page import html
@@ -152,7 +152,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     program = find_bundled(request.program, "programs", ".ngc")
     machine = None if request.machine is None else read_machine(request.machine)
     dynamics = None if request.dynamics is None else read_dynamics(request.dynamics)
-    used = settings(request.purpose, request.tolerance, dynamics, lifted=request.override is None)
+    used = settings(request.purpose, request.tolerance, dynamics)
     limits = used.dynamics.of(planned_limits(machine, request.limits))
     unfit = "" if used.tolerance is None else limits.unfit(used.tolerance)
     if unfit:

@@ -144,12 +144,12 @@ class _Path:
         first, last = 0, len(motion.duration)
         if begins:
             k, t = self._near_rest(motion.duration)
-            motion = _divided(motion, k, t, lengths)
+            motion = divided(motion, k, t, lengths)
             first, last = k + 1, last + 1
         if ends:
             k, t = self._near_rest(motion.duration[::-1])
             last -= k
-            motion = _divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
+            motion = divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
         head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
         factors = self._factor(head), self._factor(tail)
         lifted = self._between(_some(motion, first, last), _end(_some(motion, last - 1, last)), spans, factors)
@@ -424,7 +424,7 @@ def _slower(state: State, factor: float) -> State:
     return State(state.speed / factor, state.acceleration / factor**2, state.jerk / factor**3)
 
 
-def _divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
+def divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
     """Split time interval m after the time t, on a path with pieces of the given lengths."""
     T, p, x, v, a, j, s = (column[m] for column in motion)
     there = x + way(v, a, j, s, t)

@@ -198,7 +198,6 @@ class Cap(NamedTuple):
 @kernel
 def pieces_room(
     pieces: Pieces,
-    factor: float,
     limits: Records[Limits],
     cruise: float,
     crossing: float,
@@ -206,14 +205,14 @@ def pieces_room(
     caps: Records[Cap],
 ) -> int:
     """Write the `bounds` of n pieces into `most` (n, N), and their caps for plateaus and for crossing ramps into `caps`
-    (n,); `factor` multiplies the feed.
+    (n,).
 
     Neighbors with nearly equal caps all get the lowest of them, so that no ramps occur between them.
     """
     n = len(pieces.length)
     for p in range(n):
         norm = bounds(Piece(pieces.kind[p], pieces.length[p], pieces.shape[p]), most[p])
-        feed = pieces.feed[p] * factor
+        feed = pieces.feed[p]
         caps[p] = Cap(
             _BELOW * speed_cap(most[p], norm, feed, limits, cruise),
             _BELOW * speed_cap(most[p], norm, feed, limits, crossing),
