@@ -312,9 +312,7 @@ def case(path: Path, steps: list[tuple[float, float]]) -> Case:
     [
         (30000, 20, 0.2),
         (30000, 20, 0.5),
-        pytest.param(
-            12000, 5, 0.1, marks=pytest.mark.slow(reason="one more circle: 1.4 s of CPU")
-        ),
+        pytest.param(12000, 5, 0.1, marks=pytest.mark.slow(reason="one more circle: 1.4 s of CPU")),
     ],
 )
 def test_a_smaller_feed_leaves_a_motion_alone_that_is_slow_for_another_reason(

@@ -31,6 +31,7 @@ from feeddrive.path.schedule.stop import quickest_stop
 
 _SPEEDS = 8  # largest number of trial speeds to brake to
 _SLOWER = 0.7  # ratio of two of them, where the path ahead leaves no room to stop
+_HARDLY = 1e-3  # of the largest speed: so near to rest, spans as short as a spline would need are too many
 _BELOW = 1.0 - 1e-9  # of the largest speed: braking to it must not end above it by rounding
 _AGAIN = 0.1  # of the longest time in which an axis stops: the longest time to another trial
 _NEAR = 1e-9  # of the way: a stop so close to the end of the run is the one at its end
@@ -252,14 +253,16 @@ class Overridden:
         scaled = run._replace(feed=run.feed * wanted)
         node = here == 0 and _is_node(state, limits)
         eased = None if node else self._braked(run, state, None, wanted)
+        most, speed = highest_speeds(scaled, limits), None
         if node and (start := start_at(scaled, limits, state.x, state.speed)) is not None:
             return self._plan_at(wanted, start).along(list(self._ahead), ends)
         if eased is not None and (start := _start(scaled, limits, eased)) is not None:
             before = self._part(eased, run, here, wanted)
+            if state.speed < _HARDLY * most[0]:
+                return self._slowed(before, wanted, wanted, start, ends)
             planner = self._plan_at(wanted, start, before)
             return planner.along(_without(self._ahead, len(before.pieces.length) - 1), ends)
         fastest = max(self._fastest, wanted)
-        most, speed = highest_speeds(scaled, limits), None
         if node:  # a brake to the speed at which u'' and u''' are 0 has no phases
             speed = _BELOW * float(most[0]) if state.speed > most[0] else _SLOWER * state.speed
         for _ in range(_SPEEDS):
