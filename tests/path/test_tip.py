@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +16,11 @@ import feeddrive as fd
 from feeddrive import plot
 from feeddrive.files.machine import planned_kinematics, planned_limits, read_machine
 from feeddrive.language.errors import FeeddriveError, ProgramError
+from feeddrive.path.feed_loss import CORNER, SHAPES
 from feeddrive.path.geometry.joints import joined
 from feeddrive.path.geometry.tip import Mapped, beyond, fastest, mapped
 from feeddrive.path.kinematics import Kinematics
-from feeddrive.path.motion import ARC, LINE, Part, Pieces, TipColumns, arc_shape, derivatives, line_shapes
+from feeddrive.path.motion import ARC, LINE, PACED, Part, Pieces, TipColumns, arc_shape, derivatives, line_shapes
 from feeddrive.path.program.blocks import Line
 from feeddrive.path.program.moves import Feed, Message, Move, PathMode, Straight, ToolPoint
 from feeddrive.path.program.reading import read_program
@@ -381,7 +382,7 @@ def check(name: str, folder: Path, lasts: float) -> None:
 
 @pytest.fixture
 def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["feeddrive.workflow.plan"], "html", lambda _: "")
+    monkeypatch.setattr(import_module("feeddrive.workflow.plan"), "html", lambda _: "")
 
 
 @pytest.mark.usefixtures("no_report")
@@ -411,6 +412,18 @@ def test_the_pictures_show_tip_and_joints(tmp_path: Path) -> None:
         "joints",
     ]
     assert plot.planned_chart(result).panels[0].label == "Y (mm)"
+
+
+def test_joints_that_cannot_follow_the_tip_are_a_cause_of_its_own(tmp_path: Path) -> None:
+    """C swings by 8 degrees every 8 mm, at 100 mm/s with 860 rad/s², where its limit is 50 rad/s²; no runs overlap."""
+    path = tmp_path / "part.ngc"
+    swings = "".join(f"X{30 + x:.2f} C{8.0 * math.sin(math.tau * x / 8.0):.4f}\n" for x in np.arange(0.1, 24.0, 0.1))
+    path.write_text(f"G21 G90 F6000 G64 P0.1\nG43.4 H0\nG1 X30\n{swings}M2\n", encoding="utf-8")
+    result = fd.workflow.plan(path, machine="trunnion_ac")
+    lost = sum(row.lost for row in result.loss.causes if row.cause == SHAPES[PACED])
+    # on the half of 24 mm where |sin| is above 0.7 no more than 29 mm/s: 0.41 s in place of 0.12 s
+    assert lost > 0.29
+    assert SHAPES[CORNER] not in {row.cause for row in result.loss.causes}
 
 
 def test_a_bundled_program_has_a_name() -> None:

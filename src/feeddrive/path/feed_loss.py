@@ -11,8 +11,8 @@ so does a plateau on the way to the minimum that something else holds.
 
 The cause of a fall is what holds the speed at the minimum: a stop, the feed override, the velocity limit of an axis, or
 the shape of the path (an arc, a bend that is rounded within the tolerance, a corner that two runs pass at the same
-time).  Its limit is the one with the largest utilization there; for a stop, the limit that is used most for the longest
-time.
+time; along the path of a tip the way of the joints).  Its limit is the one with the largest utilization there; for a
+stop, the limit that is used most for the longest time.
 """
 
 from __future__ import annotations
@@ -28,18 +28,19 @@ import numpy as np
 
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text, joined
-from feeddrive.path.motion import ARC, LINE, POLYNOMIAL
+from feeddrive.path.motion import ARC, LINE, PACED, POLYNOMIAL
 
 SLOW = 0.95  # of the feed: above it the loss has no cause of its own
 RISE = 0.1  # of the highest level of a fall: a smaller rise does not separate two falls
 STEADY = 0.1  # of the acceleration limit: a plateau has less of it along the path
-CORNER = 3
-"""The shape, besides LINE, ARC and POLYNOMIAL, of the path where two runs overlap in a corner."""
+CORNER = 4
+"""The shape, besides LINE, ARC, POLYNOMIAL and PACED, of the path where two runs overlap in a corner."""
 OVERRIDE, VELOCITY, ON_LINE = "feed override", "velocity limit of an axis", "ramp on a line"
 SHAPES = {
     LINE: ON_LINE,
     ARC: "curvature of an arc",
     POLYNOMIAL: "bend within the tolerance",
+    PACED: "joints that follow the tip",
     CORNER: "corner within the tolerance",
 }
 """The causes that lie in the shape of the path."""
@@ -187,7 +188,7 @@ class FeedLossRecorder:
         values  position to snap of each axis, m .. m/s⁴, shape (n, N, 5)
         feed    feed with the override, m/s; inf on a traverse, 0 at a standstill, shape (n,)
         line    line of the program, shape (n,)
-        shape   LINE, ARC, POLYNOMIAL or CORNER, shape (n,)
+        shape   LINE, ARC, POLYNOMIAL, PACED or CORNER, shape (n,)
         factor  feed override
         speed   speed that the feed bounds, m/s, shape (n,); None: that of all axes together
         """

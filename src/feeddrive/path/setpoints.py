@@ -588,7 +588,7 @@ class _Where(NamedTuple):
 
     line        program line
     feed        bound of the path speed of the run, m/s
-    shape       LINE, ARC or POLYNOMIAL, or CORNER where two runs overlap
+    shape       LINE, ARC, POLYNOMIAL or PACED, or CORNER where two runs overlap
     programmed  programmed feed, m/s; where two runs overlap that of both ways: (u0' + u1')/F = u0'/F0 + u1'/F1
     rate        u' of the run, m/s
     """
