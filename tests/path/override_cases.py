@@ -9,9 +9,10 @@ import numpy as np
 from paths import KINDS, random_all_axes, random_program
 from sample_check import Curve, check_limits, check_path, curves
 
+from feeddrive.path.geometry.weights import ANGLE_TOLERANCE
 from feeddrive.path.limits import AxisLimits, MachineLimits
 from feeddrive.path.motion import Part
-from feeddrive.path.program.moves import Arc, Feed, Move, Spline, Straight
+from feeddrive.path.program.moves import Arc, Feed, Move, PathMode, Spline, Straight
 from feeddrive.path.schedule.override import MOST, Override, override
 from feeddrive.path.setpoints import Setpoints, planned
 
@@ -34,7 +35,7 @@ class Case(NamedTuple):
 def ends(moves: list[Move], letters: str, limits: np.ndarray, steps: list[tuple[float, float]]) -> np.ndarray:
     """Plan moves under these steps; return 0 and the times at which the parts of the motion end, s."""
     found = [0.0]
-    for part in planned(moves, letters, limits, override(steps)):
+    for part in planned(moves, letters, limits, override(steps), angle_tolerance(moves)):
         found.append(found[-1] + (float(np.sum(part.motion.duration)) if isinstance(part, Part) else part.duration))
     return np.array(found)
 
@@ -127,11 +128,17 @@ def _way(path: list[Curve]) -> float:
     return sum(float(np.linalg.norm(each.place(each.begin) - each.place(each.end))) for each in path)
 
 
-def machine_limits(letters: str, limits: np.ndarray) -> MachineLimits:
+def angle_tolerance(moves: list[Move]) -> float:
+    """Return the tolerance of rotary axes, rad, with which 1 rad counts as 1 m, as it does in `curves`."""
+    return next((each.tolerance for each in moves if isinstance(each, PathMode) and each.tolerance), ANGLE_TOLERANCE)
+
+
+def machine_limits(letters: str, limits: np.ndarray, angle_tolerance: float) -> MachineLimits:
     """Return limits of velocity .. snap of each axis, shape (N, 4), as those of a machine."""
     names = ("velocity", "acceleration", "jerk", "snap")
     axes = zip(letters, limits.tolist(), strict=True)
-    return MachineLimits({letter: AxisLimits(**dict(zip(names, row, strict=True))) for letter, row in axes})
+    machine = MachineLimits({letter: AxisLimits(**dict(zip(names, row, strict=True))) for letter, row in axes})
+    return machine.turning_within(angle_tolerance) if machine.rotary else machine
 
 
 def _lasts(steps: Override, time: float) -> float:
@@ -146,7 +153,8 @@ def _lasts(steps: Override, time: float) -> float:
 
 def samples(case: Case, T: float, begin: float, end: float) -> np.ndarray:
     """Plan a case; return its samples from one time on to another one, s, of which none is missing or not proven."""
-    setpoints = Setpoints(case.moves, machine_limits(case.letters, case.limits), T, override(case.steps))
+    machine = machine_limits(case.letters, case.limits, angle_tolerance(case.moves))
+    setpoints = Setpoints(case.moves, machine, T, override(case.steps))
     parts, count = [], 0
     for each in setpoints:
         assert each.first == count, f"sample {each.first} follows {count - 1}"

@@ -239,6 +239,13 @@ def test_after_moves_of_the_joints_the_tip_goes_on_from_there(tmp_path: Path) ->
     assert result.stop_reasons["begin or end of the tool point (G43.4, G43.5, G49)"] == 2
 
 
+def test_behind_a_path_of_the_tip_moves_have_their_own_lines(tmp_path: Path) -> None:
+    text = "G21 G90 G64 P0.01 F3000\nG1 X20\nG43.4 H0\nG1 X5 Z50 C30\nG49\nG1 X1 A-10\nM2\n"
+    parts = [part for part in planned(program(tmp_path, text, TRUNNION), "XYZAC", LIMITS) if isinstance(part, Part)]
+    lines = [set((part.pieces if part.lines is None else part.lines).line.tolist()) for part in parts]
+    assert [each for k, each in enumerate(lines) if k == 0 or each != lines[k - 1]] == [{2}, {4}, {6}]
+
+
 def program(tmp_path: Path, text: str, kinematics: Kinematics | None) -> list[Move]:
     path = tmp_path / "part.ngc"
     path.write_text(text, encoding="utf-8")
