@@ -41,7 +41,7 @@ from feeddrive.path.program.moves import Move
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.setpoints import planned
 
-FEWEST = 200  # spans of a short run
+FEWEST, LEAST = 200, 50  # spans of a short run, and where the solver gets stuck
 GAUSS = np.polynomial.legendre.leggauss(3)
 
 
@@ -127,9 +127,9 @@ def runs(moves: Iterable[Move], limits: np.ndarray) -> tuple[list[Run], float]:
     return found, still
 
 
-def bound(run: Run, limits: np.ndarray, step: float) -> float:
-    """Return the least time of a run (s), with spans of `step` s of the plan."""
-    step = min(step, run.time / FEWEST)
+def bound(run: Run, limits: np.ndarray, step: float, fewest: int = FEWEST) -> float:
+    """Return the least time of a run (s), with spans of `step` s of the plan, longer ones if the solver is stuck."""
+    step = min(step, run.time / fewest)
     first = 2.0 * step
     spans = round((run.time - 2.0 * first) / step)
     instants = np.linspace(first, run.time - first, spans + 1)
@@ -188,6 +188,8 @@ def bound(run: Run, limits: np.ndarray, step: float) -> float:
         settings,
     )
     solved = solver.solve()
+    if str(solved.status) == "InsufficientProgress" and fewest > LEAST:
+        return bound(run, limits, 1.4 * step, fewest // 2)
     if str(solved.status) not in ("Solved", "AlmostSolved"):
         raise SystemExit(f"the bound of a run of {run.time:.4g} s was not found: {solved.status}")
     return rests + float(solved.obj_val_dual)
