@@ -260,8 +260,9 @@ def test_splines_are_followed_within_the_tolerance(mode: str, tolerance: float, 
 
 def away(points: np.ndarray, curve: np.ndarray) -> np.ndarray:
     """From points to a curve of many chords."""
-    near = np.clip(KDTree(curve).query(points)[1], 1, len(curve) - 2)
-    return np.minimum(*(distance(points, curve[near + k], curve[near + k + 1]) for k in (-1, 0)))
+    # where it crosses itself, the nearest chord need not touch the nearest of its points
+    near = np.clip(KDTree(curve).query(points, 8)[1], 1, len(curve) - 2).T
+    return np.min([distance(points, curve[at + k], curve[at + k + 1]) for at in near for k in (-1, 0)], axis=0)
 
 
 def distance(points: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:

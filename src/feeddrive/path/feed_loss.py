@@ -244,10 +244,13 @@ class FeedLossRecorder:
         self._take(rows, False)
 
     def _quickest(self, velocity: np.ndarray, speed: np.ndarray, k: int) -> np.ndarray:
-        """Return the largest size of a vector along each velocity whose components are within the limits `k`."""
+        """Return the largest size of a vector along each velocity whose components are within the limits `k`;
+        infinite if none of the axes that move has a limit.
+        """
         limit = self._limits[:, k]
         direction = np.abs(velocity) / np.maximum(speed, 1e-300)[:, None]
-        return 1.0 / np.maximum(np.max(direction / limit, axis=1, initial=0.0), 1.0 / np.max(limit))
+        least = np.maximum(np.max(direction / limit, axis=1, initial=0.0), 1.0 / np.max(limit))
+        return np.divide(1.0, least, out=np.full(len(least), np.inf), where=least > 0.0)
 
     def result(self) -> FeedLoss:
         """Return the loss of all samples, whose motion ends here."""

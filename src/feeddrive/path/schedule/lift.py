@@ -151,11 +151,11 @@ class _Path:
             last -= k
             motion = divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
         head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
-        factors = self._factor(head), self._factor(tail)
-        lifted = self._between(_some(motion, first, last), _end(_some(motion, last - 1, last)), spans, factors)
+        begin, end = self._factor(head), self._factor(tail)
+        lifted = self._between(_some(motion, first, last), _end(_some(motion, last - 1, last)), spans, (begin, end))
         if lifted is None:
             return None, 0
-        lifted = _one([_slowed(head, factors[0]), lifted, _slowed(tail, factors[1])])
+        lifted = _one([_slowed(head, begin), lifted, _slowed(tail, end)])
         return (lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else (None, 0)
 
     def _near_rest(self, duration: np.ndarray) -> tuple[int, float]:
@@ -201,8 +201,9 @@ class _Path:
         begins, goes_on, ends = _PENALTIES
         if _quicker(looked, coefficient, begins, goes_on, 0, n):
             return None
-        starts = _slower(State(motion.speed[0], motion.acceleration[0], motion.jerk[0]), factors[0])
-        end = _slower(end, factors[1])
+        at_begin, at_end = factors
+        starts = _slower(State(motion.speed[0], motion.acceleration[0], motion.jerk[0]), at_begin)
+        end = _slower(end, at_end)
         timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
         more = rows_for(State, n + 1), np.zeros((2 * _TOGETHER, 4))
         tried, new = coefficient.copy(), [(0, n)]
@@ -273,6 +274,7 @@ class _Path:
         spline.states(motion, self._begin, time, sampled)
         sampled[-1] = by_field(Reached, sampled[-1])._replace(**end._asdict())
         u, v, a, j = sampled.T
+        squares = v * v
         # a coefficient is the blossom of u'² at three knots, from its Taylor form at one of them
         knots = np.concatenate([u[:1], u[:1], u[:1], u, u[-1:], u[-1:], u[-1:]])
         at = np.clip(np.arange(len(u) + 2) - 1, 0, len(u) - 1)
@@ -289,7 +291,7 @@ class _Path:
         hidden[:3] = hidden[-3:] = False
         if np.any(hidden):
             means = np.mean(np.lib.stride_tricks.sliding_window_view(knots[1:-1], 3), axis=1)
-            coefficient = np.where(hidden, np.interp(means, u, sampled.T[1] ** 2), coefficient)
+            coefficient = np.where(hidden, np.interp(means, u, squares), coefficient)
         return time, knots, coefficient
 
     def _points(self, time: np.ndarray, knots: np.ndarray) -> Points:
