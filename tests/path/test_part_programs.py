@@ -202,6 +202,21 @@ def test_subroutines_beside_a_program_are_called_and_checked_too(tmp_path: Path)
     assert not written.exists()
 
 
+def test_rs274_leaves_the_tool_table_of_a_running_linuxcnc_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """It keeps its table in $HOME/.tool.mmap, and empties what it finds there."""
+    script, told = tmp_path / "rs274", tmp_path / "told"
+    script.write_text(
+        f'#!/bin/sh\nfor last; do :; done\necho "  1 N1     PROGRAM_END()" > "$last"\necho "$HOME" > {told}\n'
+    )
+    script.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    moves(tmp_path, "G0 X1\nM2\n", front_end="rs274")
+    home = Path(told.read_text().strip())
+    assert home != tmp_path
+    assert not home.exists()  # a folder of the run
+
+
 def test_an_rs274_that_dies_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     script = tmp_path / "rs274"
     printed = "  1 N1     STRAIGHT_TRAVERSE(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)"

@@ -286,7 +286,7 @@ def plan(third: float, stops: int) -> Any:
     place = np.array([[0.0, 0.0, 0.0], [100.0, 0.0, third], [100.0, 50.0, 0.0]])
     course = Stand(position=place, time=np.arange(3.0), feed=np.ones(3), speed=np.ones(3))
     limits = Stand(shown=[(1.0, "mm")] * 3, letters="xyz")
-    return Stand(course=course, limits=limits, stops=[Stand(position=place[1])] * stops)
+    return Stand(course=course, limits=limits, stops=[Stand(position=place[1])] * stops, kinematics=None)
 
 
 @pytest.mark.parametrize(("third", "views"), [(1.5, 1), (3.0, 2)])

@@ -5,6 +5,7 @@ that it prints is parsed. The latter supports cutter compensation and the rest o
 decimals of the program unit (0.1 um in mm, 2.5 um in inches), and no U, V or W words.
 """
 
+import os
 import re
 import shutil
 import subprocess
@@ -159,8 +160,12 @@ def _called(line: Line) -> set[str]:
 def _run(command: list[str], program: Path, folder: Path, output: Path) -> tuple[int, str]:
     """Run the interpreter in a folder; return its exit status and its messages."""
     with tempfile.TemporaryFile() as errors:
+        # it keeps its tool table in $HOME/.tool.mmap, which a LinuxCNC that runs, and every other rs274, has open
+        at_home = {**os.environ, "HOME": str(folder)}
         # errors go to a file, as a pipe that is not read while the program runs would fill up and block it
-        run = subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors)
+        run = subprocess.Popen(
+            command, cwd=folder, env=at_home, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors
+        )
         begun = time.monotonic()
         try:
             while True:
