@@ -147,4 +147,6 @@ def _alike(one: Shown, other: Shown) -> bool:
 
 
 def _bundled() -> list[str]:
-    return sorted(path.name for path in (BUNDLED / "programs").glob("*.ngc"))
+    """Return the bundled part programs that a job can run: not those that move the tip of a tool in five axes."""
+    paths = (BUNDLED / "programs").glob("*.ngc")
+    return sorted(path.name for path in paths if "G43.4" not in path.read_text(encoding="utf-8"))
