@@ -84,6 +84,7 @@ def test_the_dead_time_of_a_slow_bus_is_found() -> None:
     assert float(found.axis.actuator.dead_time) == pytest.approx(0.03, abs=2.5e-4)  # s, a substep
 
 
+@pytest.mark.slow(reason="a long search for a loop that there is not; the other refusals are quick")
 def test_a_drive_that_smooths_its_command_slowly_is_refused() -> None:
     led, pushed = responses(smoothed=4.0)
     with pytest.raises(
