@@ -102,8 +102,8 @@ def read_steps(text: str) -> Override:
         except ValueError:
             missing = "" if colon else " (there is no colon)"
             raise ParameterError(
-                f"override: {step.strip()!r} is no step{missing}: give the time in s, a colon and the feed in %, such "
-                "as 1:50, 2:0, 3.5:120"
+                f"--override: {step.strip()!r} is no step{missing}: give the time in s, a colon and the feed in %, "
+                "such as 1:50, 2:0, 3.5:120"
             ) from None
     return override(steps)
 
