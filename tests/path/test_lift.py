@@ -83,7 +83,7 @@ def test_wherever_the_stream_is_cut_what_waits_goes_on_to_the_stop_in_hand() -> 
     draw, waited = np.random.default_rng(9), 0
     for _ in range(3):
         limits, pieces = random_limits(draw), random_curve(draw)
-        schedule, lifter, given = Schedule(limits, 20), Lifter(limits), list[Part]()
+        schedule, lifter, given = Schedule(limits, 10), Lifter(limits), list[Part]()
         for part in schedule.add(Section(pieces, True)):
             given += lifter.add(part)
             stop = schedule.stop()

@@ -467,12 +467,13 @@ class Joiner:
         cuts = [0, *(np.flatnonzero(np.diff(runs)) + 1).tolist(), ended.pieces] if ended.pieces else []
         corners = np.maximum(tolerance[: ended.done][joint.stop == 1], 0.0)
         sections = list[Section]()
+        begins = np.cumsum(segments.length) - segments.length
         for i, j in pairwise(cuts):
             corner = float(corners[runs[i]]) if runs[i] < ended.ended else 0.0
             if pieces.kind[j - 1] == POLYNOMIAL or j == ended.pieces or pieces.kind[j] == POLYNOMIAL:
                 # a spline ends or begins there: its first and last span keep the other tenth
                 corner = CROSSED * corner
-            changes = _changes(segments, out, i, j)
+            changes = _changes(segments, begins, out, i, j)
             sections.append(Section(part_of_pieces(pieces, i, j), bool(runs[i] < ended.ended), corner, changes))
         if ended.done == 0 and before:
             # wait for more segments; the unfinished spline stays as it was
@@ -483,7 +484,7 @@ class Joiner:
             goals = Goals(*(array[: ended.goals].copy() for array in begun.goals))
             floor = work.lines.far[ended.done :].copy()
             spline = begun._replace(many=ended.goals, goals=goals, floor=floor)
-            self._begun = _Begun(spline, hand, _changes(segments, out, ended.pieces, ended.every))
+            self._begun = _Begun(spline, hand, _changes(segments, begins, out, ended.pieces, ended.every))
         return sections, joint
 
 
@@ -495,19 +496,21 @@ def joined(
     return [section.pieces for section in sections], joint
 
 
-def _changes(segments: Pieces, out: Joined, first: int, last: int) -> Changes:
-    """Return where the line of the segments changes along pieces from `first` up to but excluding `last`."""
-    until = np.cumsum(segments.length)
-    begins = until - segments.length
+def _changes(segments: Pieces, begins: np.ndarray, out: Joined, first: int, last: int) -> Changes:
+    """Return where the line of segments, which begin at the distances `begins`, changes along pieces from `first` up
+    to but excluding `last`.
+    """
     segment, covers, length = out.segment[first:last], out.covers[first:last], out.pieces.length[first:last]
     starts = begins[segment] + out.begin[first:last]
     # an end that is that of a segment up to rounding is no change
-    ends = np.searchsorted(begins, starts + covers * (1.0 - _SLIVER))
+    ends = begins.searchsorted(starts + covers * (1.0 - _SLIVER))
+    along = length.cumsum() - length
     more = np.maximum(ends - segment - 1, 0)
+    if not more.any():
+        return Changes(along, segments.line[segment])
     piece = np.repeat(np.arange(len(segment)), more)
     inside = np.arange(len(piece)) - np.repeat(np.cumsum(more) - more, more) + segment[piece] + 1
     share = (begins[inside] - starts[piece]) / covers[piece]
-    along = np.cumsum(length) - length
     at = np.concatenate([along, along[piece] + np.clip(share, 0.0, 1.0) * length[piece]])
     line = np.concatenate([segments.line[segment], segments.line[inside]])
     order = np.argsort(at, kind="stable")

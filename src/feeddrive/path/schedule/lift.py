@@ -20,33 +20,26 @@ from feeddrive.path.motion import (
     Part,
     Pieces,
     cubic,
-    derivatives,
     one_after_the_other,
     part_of_pieces,
+    piece_of,
     way,
 )
 from feeddrive.path.proof import DERIVATIVES, Broken, faults_of
 from feeddrive.path.schedule import spline
 from feeddrive.path.schedule.ramp import Slopes
-from feeddrive.path.schedule.spline import Basis, Points, Rates, Reached, Room, State
+from feeddrive.path.schedule.spline import Basis, Forces, Points, Rates, Reached, Room, State
 
 # less reserve fails more proofs and costs more rounds, more reserve costs time of the motion
 SHARES = (1.0 - 1e-4, 0.995, 0.99, 0.98)  # of the limits, at the points: the rest is for the motion between them
-_FINE = 7.0  # number of spans in the duration of half a ramp
 # half a ramp as a number of time intervals and their share, with limits of jerk and snap, without one of snap, and
 # without both: a ramp then has 6 or 7 intervals, 2 or 3, or 1
 _HALF = ((4, 1.0), (1, 1.0), (1, 0.5))
-# some time intervals exist only due to rounding: their length must not set that of the spans
-_FINEST = 0.02  # of the mean duration of time intervals
-_LEAST_SPAN = 1e-9  # s: a first phase of the duration of rounding must not set the first span
-_HIDDEN = 0.1  # of the spans: shorter time intervals do not show in the spline
-_TURNS = 0.15  # largest duration of a span relative to u'/|u''|
 # from rest z = u'² grows as u^1.5, which no cubic spline follows: beyond, spans of growing length do
 _NEAR_REST = 0.1  # of the first phase from rest, and of the last one to rest, remains unchanged
 _AT_REST = 0.003  # of half a ramp from rest is not optimized at least, as the first phase may hardly move
 # the state behind such a beginning is given: at the limit itself no spline could start
-_AT_ENDS = np.array([0.97, 0.97, 0.97, 0.998])  # usable shares of the limits of velocity to snap there
-_ORDERS = 1.0 / np.arange(1, 5)  # a motion that takes f times as long has 1/f .. 1/f⁴ of the derivatives
+_AT_ENDS = Limits(0.97, 0.97, 0.97, 0.998)  # usable shares of the limits of velocity to snap there
 _BLENDED = 30  # number of coefficients over which the first spline takes up such a change of speed
 _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
@@ -152,7 +145,7 @@ class _Path:
             motion = divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
         head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
         begin, end = self._factor(head), self._factor(tail)
-        lifted = self._between(_some(motion, first, last), _end(_some(motion, last - 1, last)), spans, (begin, end))
+        lifted = self._between(_some(motion, first, last), _end(_some(motion, 0, last)), spans, (begin, end))
         if lifted is None:
             return None, 0
         lifted = _one([_slowed(head, begin), lifted, _slowed(tail, end)])
@@ -172,14 +165,10 @@ class _Path:
         """
         if not len(motion.duration):
             return 1.0
-        pieces, p, r = self._pieces, int(motion.piece[-1]), rows_for(Derivatives, len(self._limits))
-        derivatives(int(pieces.kind[p]), float(pieces.length[p]), pieces.shape[p], float(motion.x[-1]), r)
-        slopes = np.maximum(np.abs(np.asarray(by_field(Derivatives, r).first)), 1e-200)
-        along = np.min(self._limits / slopes[:, None], axis=0)
-        along[0] = min(along[0], self.top[p])
-        states = np.abs([*zip(*motion[3:6], strict=True), _end(_some(motion, -1, len(motion.duration)))])
-        most = np.append(states.max(axis=0), np.max(np.abs(motion.snap)))
-        return max(1.0, float(np.max((most / (_AT_ENDS * along)) ** _ORDERS)))
+        p, r = int(motion.piece[-1]), rows_for(Derivatives, len(self._limits))
+        x, end = float(motion.x[-1]), _end(motion)
+        top = float(self.top[p])
+        return spline.reserve_factor(piece_of(self._pieces, p), x, top, self._limits, _AT_ENDS, motion, end, r)
 
     def _between(self, motion: Motion, end: State, spans: int, factors: Sequence[float]) -> Motion | None:
         """Return a proven motion between the same states, or None, for a motion that is at rest at neither end; `end`
@@ -187,19 +176,16 @@ class _Path:
 
         Both states are those of a motion that takes longer by one of the two factors.
         """
-        time, knots, coefficient = self._spline(motion, end, spans)
-        if min(factors) != 1.0 or max(factors) != 1.0:
-            # the three coefficients at either end are those of one state
-            k, n = np.arange(len(coefficient)), len(coefficient)
-            blended = min(_BLENDED, (n - 6) // 2)
-            for from_end, factor in zip((k, n - 1 - k), factors, strict=True):
-                coefficient *= np.interp(from_end, [2, 2 + blended], [factor**-2, 1.0])
-        if np.any(np.diff(knots[3:-3]) <= 0.0):
+        made = self._spline(motion, end, spans, factors)
+        if made is None:
             return None  # time intervals without motion except for rounding
+        time, knots, coefficient = made
         n = len(time) - 1
         looked = self._points(time, knots)
+        rows = rows_for(Basis, n)
+        spline.rows_at_knots(knots, rows)
         begins, goes_on, ends = _PENALTIES
-        if _quicker(looked, coefficient, begins, goes_on, 0, n):
+        if _quicker(looked, rows, coefficient, begins, ends, 0, n):
             return None
         at_begin, at_end = factors
         starts = _slower(State(motion.speed[0], motion.acceleration[0], motion.jerk[0]), at_begin)
@@ -208,13 +194,13 @@ class _Path:
         more = rows_for(State, n + 1), np.zeros((2 * _TOGETHER, 4))
         tried, new = coefficient.copy(), [(0, n)]
         for number in range(1, _ROUNDS + 1):
-            for first, last in new:
-                if _quicker(looked, tried, goes_on, ends, first, last):
+            for first, last in new if number > 1 else ():
+                if _quicker(looked, rows, tried, goes_on, ends, first, last):
                     if last - first == n:
                         return None
                     # changing these spans alone is infeasible: optimize all of them
                     tried, new = coefficient.copy(), [(0, n)]
-                    if _quicker(looked, tried, goes_on, ends, 0, n):
+                    if _quicker(looked, rows, tried, goes_on, ends, 0, n):
                         return None
                     break
             if not spline.in_time(knots, tried, self._begin, starts, end, _TOGETHER, timed, *more):
@@ -245,53 +231,27 @@ class _Path:
         faults = faults_of(self._pieces, _some(motion, first, last), self._limits)
         return faults + Broken(0.0, first, 0.0, 0.0, 0.0)
 
-    def _spline(self, motion: Motion, end: State, spans: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return knot times, knots and coefficients of a spline u'²(u) that approximates a motion and matches its
-        states at both ends.
+    def _spline(
+        self, motion: Motion, end: State, spans: int, factors: Sequence[float]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Return knot times, knots and coefficients of a spline u'²(u) that approximates a motion and has the states at
+        both ends, as for `_between`; None if it does not move.
         """
         n = len(motion.duration)
         wide, share = _HALF[self._unlimited]
-        wide = min(wide, n)
-        sums = np.convolve(motion.duration, np.ones(wide), "valid")
-        padded = np.concatenate([np.full(wide - 1, np.inf), sums, np.full(wide - 1, np.inf)])
-        step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (share / _FINE)
-        step[:spans] = motion.duration[:spans]
-        finest = _FINEST * float(np.mean(motion.duration))
-        step = np.maximum(step, finest)
-        edge = np.concatenate([step[:1], np.minimum(step[1:], step[:-1]), step[-1:]])
-        # the states at the ends fix three coefficients, so that a span must not be longer than the phase it lies in
-        if not spans:
-            edge[0] = min(edge[0], max(float(motion.duration[0]), _LEAST_SPAN))
-        edge[-1] = min(edge[-1], max(float(motion.duration[-1]), _LEAST_SPAN))
-        speed, acceleration = np.append(motion.speed, end.speed), np.append(motion.acceleration, end.acceleration)
-        edge = np.minimum(edge, _TURNS * speed / np.maximum(np.abs(acceleration), 1e-300))
-        spline.graded(motion.duration, edge)
-        least = np.minimum(step, np.minimum(edge[:-1], edge[1:]))
-        size = 2 + int(np.sum(2.0 + (1.0 + spline.GRADE) * motion.duration / least))
+        step, edge = np.zeros(n), np.zeros(n + 1)
+        size = spline.spacing(motion, end, spans, min(wide, n), share, step, edge)
         time = np.zeros(size)
         time = time[: spline.instants(motion.duration, step, edge, time)]
-        sampled = rows_for(Reached, len(time))
-        spline.states(motion, self._begin, time, sampled)
-        sampled[-1] = by_field(Reached, sampled[-1])._replace(**end._asdict())
-        u, v, a, j = sampled.T
-        squares = v * v
-        # a coefficient is the blossom of u'² at three knots, from its Taylor form at one of them
-        knots = np.concatenate([u[:1], u[:1], u[:1], u, u[-1:], u[-1:], u[-1:]])
-        at = np.clip(np.arange(len(u) + 2) - 1, 0, len(u) - 1)
-        at[:3], at[-3:] = 0, len(u) - 1
-        p, q, r = (np.lib.stride_tricks.sliding_window_view(knots[1:-1], 3) - u[at][:, None]).T
-        v, a, j = v[at], a[at], j[at]
-        coefficient = v * v + 2.0 / 3.0 * a * (p + q + r) + j / (3.0 * v) * (p * q + q * r + r * p)
-        # beyond a time interval much shorter than the spans its Taylor form does not hold: there Schoenberg's
-        # approximation, whose coefficients are u'² at the mean of the three knots, which overshoots nowhere
-        m = np.minimum(np.searchsorted(np.cumsum(motion.duration), time, side="right"), n - 1)
-        spacing = np.diff(time)
-        hidden = motion.duration[m] < _HIDDEN * np.minimum(np.append(spacing, np.inf), np.append(np.inf, spacing))
-        hidden = hidden[at]
-        hidden[:3] = hidden[-3:] = False
-        if np.any(hidden):
-            means = np.mean(np.lib.stride_tricks.sliding_window_view(knots[1:-1], 3), axis=1)
-            coefficient = np.where(hidden, np.interp(means, u, squares), coefficient)
+        m = len(time)
+        knots, coefficient = np.zeros(m + 6), np.zeros(m + 2)
+        blended = min(_BLENDED, (m - 4) // 2)
+        room = rows_for(Reached, m)
+        at_begin, at_end = factors
+        if not spline.approximation(
+            motion, self._begin, time, end, at_begin, at_end, blended, room, knots, coefficient
+        ):
+            return None
         return time, knots, coefficient
 
     def _points(self, time: np.ndarray, knots: np.ndarray) -> Points:
@@ -299,7 +259,7 @@ class _Path:
         size = spline.POINTS * (len(time) + len(pieces.length))
         filled = Points(
             np.zeros(size, np.int64),
-            rows_for(Basis, size),
+            np.zeros(size),
             rows_for(Rates, size, axes),
             np.zeros(size),
             np.zeros(size, np.int64),
@@ -320,14 +280,25 @@ class _Path:
         return _some_points(filled, 0, count)
 
 
-def _quicker(looked: Points, coefficient: np.ndarray, begins: float, ends: float, first: int, last: int) -> int:
+def _quicker(
+    looked: Points, rows: np.ndarray, coefficient: np.ndarray, begins: float, ends: float, first: int, last: int
+) -> int:
     """Run `quickest` on the spans from `first` up to but excluding `last`; three coefficients at each end are fixed."""
     begins_at, ends_at = np.searchsorted(looked.span, [first, last]).tolist()
     part = _some_points(looked, begins_at, ends_at)
     part = part._replace(span=part.span - first)
-    m, n = len(part.span), last - first + 3
-    room = Room(np.zeros(m), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4)))
-    return spline.quickest(part, coefficient[first : last + 3], begins, ends, _STEPS, room)
+    m, n, axes = len(part.span), last - first + 3, part.r.shape[1]
+    room = Room(
+        np.zeros(m),
+        np.zeros(m),
+        rows_for(Forces, m, axes),
+        np.zeros(m),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros((n, 4)),
+    )
+    return spline.quickest(part, rows[first:last], coefficient[first : last + 3], begins, ends, _STEPS, room)
 
 
 def _some_points(points: Points, first: int, last: int) -> Points:
@@ -391,8 +362,7 @@ def _rests(motion: Motion) -> np.ndarray:
 
     It has a value for the start of each time interval, and one for the end of the last interval.
     """
-    last = len(motion.duration) - 1
-    speed = np.append(motion.speed, _end(_some(motion, last, last + 1)).speed)
+    speed = np.append(motion.speed, _end(motion).speed)
     slow = speed <= _RESTS * np.max(speed)
     # the first phase from rest, and the last one to rest, may be so short that they hardly move
     slow[0] = slow[0] and (motion.speed[0] == 0.0 or motion.acceleration[0] == 0.0)
@@ -410,9 +380,9 @@ def _one(motions: list[Motion]) -> Motion:
 
 
 def _end(motion: Motion) -> State:
-    """Return u' .. u''' at the end of a motion of a single time interval."""
-    (t,), _, _, (v,), (a,), (j,), (s,) = motion
-    return State(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s)
+    """Return u' .. u''' at the end of a motion."""
+    t, v, a, j, s = (float(column[-1]) for column in (motion.duration, *motion[3:]))
+    return State(cubic.python(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s)
 
 
 def _slowed(motion: Motion, factor: float) -> Motion:
@@ -428,13 +398,14 @@ def _slower(state: State, factor: float) -> State:
 
 def divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
     """Split time interval m after the time t, on a path with pieces of the given lengths."""
-    T, p, x, v, a, j, s = (column[m] for column in motion)
-    there = x + way(v, a, j, s, t)
+    T, x, v, a, j, s = (float(column[m]) for column in (motion.duration, *motion[2:]))
+    p = int(motion.piece[m])
+    there = x + way.python(v, a, j, s, t)
     while there > length[p] and p + 1 < len(length):
-        there -= length[p]
+        there -= float(length[p])
         p += 1
     first = t, motion.piece[m], x, v, a, j, s
-    second = T - t, p, there, cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s
+    second = T - t, p, there, cubic.python(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s
     halves = zip(motion, zip(first, second, strict=True), strict=True)
     return Motion._make(
         [np.concatenate([column[:m], two, column[m + 1 :]]).astype(column.dtype) for column, two in halves]

@@ -8,9 +8,11 @@ With r_n the derivatives of an axis and z', z'', z''' those of z with respect to
     q''''= r4 z² + 3 r3 z z' + r2 (3/4 z'² + 2 z z'') + r1 (z' z''/4 + z z'''/2)
 
 A penalty -μ log(1 - g²) is added to the time ∫ du/√z for the utilization g of each limit at each point; μ is reduced
-step by step.  The penalty is expanded to second order in g, and g to first order in z, so that each step solves a
-positive definite system of half bandwidth three.  A step that violates a limit which was satisfied before is never
-accepted.
+step by step.  Newton's method is applied to time and penalties, with g expanded to first order in z, so that each step
+solves a positive definite system of half bandwidth three.  It is a primal-dual one: for each limit and direction, at
+the distance d = 1 - g or 1 + g, the curvature of the penalty is not μ/d² but λ/d with a multiplier λ, which is moved
+by each step towards λ d = μ.  When μ falls, the step then ends at the new minimum to first order, where with μ/d² it
+would pass the limit.  A step that violates a limit which was satisfied before is never accepted.
 
 Spans are the parts of the motion between knots; this module also places the knots, selects the points at which limits
 are evaluated, and converts from u back to time.
@@ -24,14 +26,21 @@ from typing import NamedTuple
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records, Records2, zeros
 from feeddrive.path.motion import Derivatives, Limits, Motion, Piece, Pieces, cubic, derivatives, interval_of, way
-from feeddrive.path.schedule.ramp import Bounds, Slopes, bounds, boxcars, speed_cap
+from feeddrive.path.schedule.ramp import Bounds, Slopes, bounds, boxcars, cube_root, speed_cap
 
 _LOOSE = 1.03  # relaxed limit at a violating point, relative to its present share
 _TOUCHES = 1.0 - 1e-6  # larger shares are treated as violations: the penalty would be too steep
 _INWARDS = 0.3  # least penalty while a limit is violated
 _NEARER = 0.1  # least part of the distance to a limit that a step must leave
-# a faster fall saves no steps, since these are limited by the boundary and not by the penalty
+_ROUNDING = 1e-9  # part of a relaxed limit that must be left, whatever the expansion to first order says
+# a multiplier is kept within these multiples of that at which its penalty is smallest: far from it the curvature of the
+# penalty says nothing
+_LEAST_FORCE, _MOST_FORCE = 0.01, 100.0
 _FALL = 0.25  # factor of the penalty per step
+_LEFT = 0.3  # of the penalty: largest time still to be gained, relative to the whole, before the penalty is lowered
+_PATIENCE = 8  # number of steps in which the worst violation may stay above 0.98 of the least so far
+_PROGRESS = 0.98
+_THIRD = 1.0 / 3.0
 _HALVINGS = 12  # largest number of halvings of a step
 _NOT_FORWARD = 1e300  # share returned where u'² is not positive
 SPEEDS = 1
@@ -87,7 +96,7 @@ class Points(NamedTuple):
     """The points at which the limits are evaluated, n of them, in ascending order.
 
     span    span index
-    row     `basis` there
+    place   distance from the start of the span, m
     r       derivatives of each axis, (n, N)
     most    largest z that the velocity limits and the feed allow
     looks   the limits evaluated there: `SPEEDS`, `SNAP` or their sum
@@ -96,7 +105,7 @@ class Points(NamedTuple):
     """
 
     span: Ints
-    row: Records[Basis]
+    place: Floats
     r: Records2[Rates]
     most: Floats
     looks: Ints
@@ -104,13 +113,40 @@ class Points(NamedTuple):
     away: Floats
 
 
+class Use(NamedTuple):
+    """The utilization of a limit, and its derivatives with respect to z .. z'''."""
+
+    g: float
+    d0: float
+    d1: float
+    d2: float
+    d3: float
+
+
+class Forces(NamedTuple):
+    """The multipliers of the limits of an axis in both directions, s."""
+
+    acceleration_up: float
+    acceleration_down: float
+    jerk_up: float
+    jerk_down: float
+    snap_up: float
+    snap_down: float
+
+
 class Room(NamedTuple):
-    """Work arrays of `quickest`: shares and relaxed limits of each point; coefficients, gradient, step and lower band
-    of the Hessian.
+    """Work arrays of `quickest`.
+
+    share, loose  shares and relaxed limits of each point
+    forces        multipliers of the limits of each axis at each point, (n, N)
+    force         multiplier of the largest z at each point, s
+    coefficients, gradient, step and lower band of the Hessian
     """
 
     share: Floats
     loose: Floats
+    forces: Records2[Forces]
+    force: Floats
     tried: Floats
     slope: Floats
     step: Floats
@@ -156,11 +192,39 @@ def basis(knots: Floats, k: int, x: float) -> Basis:
 
 
 @kernel
-def _penalty(g: float, loose: float) -> tuple[float, float]:
-    """Return the first and second derivative of -log(1 - (g/loose)²) with respect to g."""
-    gap = loose * loose - g * g
-    first = 2.0 * g / gap
-    return first, 2.0 / gap + first * first
+def _acceleration(z: Square, r: Rates) -> Use:
+    """Return the utilization of the limit of acceleration."""
+    d1 = 0.5 * r.a1
+    return Use(r.a2 * z.z + d1 * z.z1, r.a2, d1, 0.0, 0.0)
+
+
+@kernel
+def _jerk(z: Square, root: float, r: Rates) -> Use:
+    """Return the utilization of the limit of jerk; `root` is √z."""
+    inner = r.j3 * z.z + 1.5 * r.j2 * z.z1 + 0.5 * r.j1 * z.z2
+    return Use(root * inner, root * r.j3 + 0.5 * inner / root, 1.5 * root * r.j2, 0.5 * root * r.j1, 0.0)
+
+
+@kernel
+def _snap(z: Square, r: Rates) -> Use:
+    """Return the utilization of the limit of snap."""
+    z0, z1, z2, z3 = z
+    g = r.s4 * z0 * z0 + 3.0 * r.s3 * z0 * z1
+    g = g + r.s2 * (0.75 * z1 * z1 + 2.0 * z0 * z2)
+    g = g + r.s1 * (0.25 * z1 * z2 + 0.5 * z0 * z3)
+    return Use(
+        g,
+        2.0 * r.s4 * z0 + 3.0 * r.s3 * z1 + 2.0 * r.s2 * z2 + 0.5 * r.s1 * z3,
+        3.0 * r.s3 * z0 + 1.5 * r.s2 * z1 + 0.25 * r.s1 * z2,
+        2.0 * r.s2 * z0 + 0.25 * r.s1 * z1,
+        0.5 * r.s1 * z0,
+    )
+
+
+@kernel
+def _stands(r: Rates) -> bool:
+    """Return True if an axis does not move."""
+    return r.a1 == 0.0 and r.a2 == 0.0 and r.j3 == 0.0 and r.s3 == 0.0 and r.s4 == 0.0
 
 
 @kernel
@@ -168,20 +232,24 @@ def shares(z: Square, r: Records[Rates], most: float, looks: int) -> float:
     """Return the largest utilization of a limit at a point."""
     if z.z <= 0.0:
         return _NOT_FORWARD
-    z0, z1, z2, z3 = z
-    root = sqrt(z0)
+    root = sqrt(z.z)
     speeds = looks != SNAP
-    largest = z0 / most if speeds else 0.0
+    largest = z.z / most if speeds else 0.0
     for i in range(len(r)):
-        a1, a2, j1, j2, j3, s1, s2, s3, s4 = r[i]
+        if _stands(r[i]):
+            continue
         if speeds:
-            largest = max(largest, abs(a2 * z0 + 0.5 * a1 * z1))
-            largest = max(largest, abs(root * (j3 * z0 + 1.5 * j2 * z1 + 0.5 * j1 * z2)))
+            largest = max(largest, abs(_acceleration(z, r[i]).g))
+            largest = max(largest, abs(_jerk(z, root, r[i]).g))
         if looks != SPEEDS:
-            snap = s4 * z0 * z0 + 3.0 * s3 * z0 * z1
-            snap = snap + s2 * (0.75 * z1 * z1 + 2.0 * z0 * z2)
-            largest = max(largest, abs(snap + s1 * (0.25 * z1 * z2 + 0.5 * z0 * z3)))
+            largest = max(largest, abs(_snap(z, r[i]).g))
     return largest
+
+
+@kernel
+def _held(force: float, least: float) -> float:
+    """Return a multiplier, kept near that at which its penalty is smallest."""
+    return min(max(force, _LEAST_FORCE * least), _MOST_FORCE * least)
 
 
 class Quadratic(NamedTuple):
@@ -204,19 +272,47 @@ class Quadratic(NamedTuple):
 
 
 @kernel
+def _gaps(g: float, loose: float) -> tuple[float, float]:
+    """Return the inverse of the distances to both limits."""
+    inverse = 1.0 / (loose * loose - g * g)
+    return (loose + g) * inverse, (loose - g) * inverse
+
+
+@kernel
+def _pushed(up: float, down: float, g: float, loose: float, weight: float) -> tuple[float, float, float, float]:
+    """Return gradient and curvature of the penalties of both directions of a limit with respect to g, and the
+    multipliers that were used.
+    """
+    above, below = _gaps(g, loose)
+    least_up = weight * above
+    least_down = weight * below
+    up = _held(up, least_up)
+    down = _held(down, least_down)
+    return least_up - least_down, up * above + down * below, up, down
+
+
+@kernel
 def _expanded(
-    z: Square, r: Records[Rates], most: float, looks: int, loose: float, weight: float, away: float
+    z: Square,
+    r: Records[Rates],
+    most: float,
+    looks: int,
+    loose: float,
+    weight: float,
+    away: float,
+    force: float,
+    forces: Records[Forces],
 ) -> Quadratic:
     """Return gradient and Hessian of time and penalties at a point; `weight` multiplies the penalties, and `away` (m)
     the time.
     """
-    z0, z1, z2, z3 = z
+    z0 = z.z
     root = sqrt(z0)
     d0 = -0.5 * away / (z0 * root)
     d1 = 0.0
     d2 = 0.0
     d3 = 0.0
-    b00 = 0.75 * away / (z0 * z0 * root)
+    b00 = -1.5 * d0 / z0
     b01 = 0.0
     b02 = 0.0
     b03 = 0.0
@@ -228,56 +324,46 @@ def _expanded(
     b33 = 0.0
     speeds = looks != SNAP
     if speeds:
-        gap = most * loose - z0
-        d0 = d0 + weight / gap
-        b00 = b00 + weight / (gap * gap)
+        gap = 1.0 / (most * loose - z0)
+        d0 = d0 + weight * gap
+        b00 = b00 + force * gap
     for i in range(len(r)):
-        a1, a2, j1, j2, j3, s1, s2, s3, s4 = r[i]
-        if a1 == 0.0 and a2 == 0.0 and j3 == 0.0 and s3 == 0.0 and s4 == 0.0:
-            continue  # the axis does not move
+        if _stands(r[i]):
+            continue
+        a_up, a_down, j_up, j_down, s_up, s_down = forces[i]
         if speeds:
-            g0 = a2
-            g1 = 0.5 * a1
             # second derivatives of g are omitted (Gauss-Newton), so that the Hessian stays positive definite
-            first, second = _penalty(g0 * z0 + g1 * z1, loose)
-            d0 = d0 + weight * first * g0
-            d1 = d1 + weight * first * g1
-            h0 = weight * second * g0
+            g, g0, g1, _, _ = _acceleration(z, r[i])
+            first, second, a_up, a_down = _pushed(a_up, a_down, g, loose, weight)
+            d0 = d0 + first * g0
+            d1 = d1 + first * g1
+            h0 = second * g0
             b00 = b00 + h0 * g0
             b01 = b01 + h0 * g1
-            b11 = b11 + weight * second * g1 * g1
-            inner = j3 * z0 + 1.5 * j2 * z1 + 0.5 * j1 * z2
-            g0 = root * j3 + 0.5 * inner / root
-            g1 = 1.5 * root * j2
-            g2 = 0.5 * root * j1
-            first, second = _penalty(root * inner, loose)
-            d0 = d0 + weight * first * g0
-            d1 = d1 + weight * first * g1
-            d2 = d2 + weight * first * g2
-            h0 = weight * second * g0
-            h1 = weight * second * g1
+            b11 = b11 + second * g1 * g1
+            g, g0, g1, g2, _ = _jerk(z, root, r[i])
+            first, second, j_up, j_down = _pushed(j_up, j_down, g, loose, weight)
+            d0 = d0 + first * g0
+            d1 = d1 + first * g1
+            d2 = d2 + first * g2
+            h0 = second * g0
+            h1 = second * g1
             b00 = b00 + h0 * g0
             b01 = b01 + h0 * g1
             b02 = b02 + h0 * g2
             b11 = b11 + h1 * g1
             b12 = b12 + h1 * g2
-            b22 = b22 + weight * second * g2 * g2
+            b22 = b22 + second * g2 * g2
         if looks != SPEEDS:
-            snap = s4 * z0 * z0 + 3.0 * s3 * z0 * z1
-            snap = snap + s2 * (0.75 * z1 * z1 + 2.0 * z0 * z2)
-            snap = snap + s1 * (0.25 * z1 * z2 + 0.5 * z0 * z3)
-            g0 = 2.0 * s4 * z0 + 3.0 * s3 * z1 + 2.0 * s2 * z2 + 0.5 * s1 * z3
-            g1 = 3.0 * s3 * z0 + 1.5 * s2 * z1 + 0.25 * s1 * z2
-            g2 = 2.0 * s2 * z0 + 0.25 * s1 * z1
-            g3 = 0.5 * s1 * z0
-            first, second = _penalty(snap, loose)
-            d0 = d0 + weight * first * g0
-            d1 = d1 + weight * first * g1
-            d2 = d2 + weight * first * g2
-            d3 = d3 + weight * first * g3
-            h0 = weight * second * g0
-            h1 = weight * second * g1
-            h2 = weight * second * g2
+            g, g0, g1, g2, g3 = _snap(z, r[i])
+            first, second, s_up, s_down = _pushed(s_up, s_down, g, loose, weight)
+            d0 = d0 + first * g0
+            d1 = d1 + first * g1
+            d2 = d2 + first * g2
+            d3 = d3 + first * g3
+            h0 = second * g0
+            h1 = second * g1
+            h2 = second * g2
             b00 = b00 + h0 * g0
             b01 = b01 + h0 * g1
             b02 = b02 + h0 * g2
@@ -287,7 +373,8 @@ def _expanded(
             b13 = b13 + h1 * g3
             b22 = b22 + h2 * g2
             b23 = b23 + h2 * g3
-            b33 = b33 + weight * second * g3 * g3
+            b33 = b33 + second * g3 * g3
+        forces[i] = Forces(a_up, a_down, j_up, j_down, s_up, s_down)
     return Quadratic(d0, d1, d2, d3, b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
 
 
@@ -313,6 +400,14 @@ def at(row: Basis, coefficient: Floats, k: int) -> Square:
 
 
 @kernel
+def _shifted(z: Square, x: float) -> Square:
+    """Return z .. z''' at the distance x from where they are given, within a span."""
+    half = 0.5 * x
+    z2 = z.z2 + x * z.z3
+    return Square(z.z + x * (z.z1 + half * (z.z2 + x * _THIRD * z.z3)), z.z1 + half * (z.z2 + z2), z2, z.z3)
+
+
+@kernel
 def _add_to(band: Floats2, c: int, d: int, value: float) -> int:
     """Add to the entry of row c that is d left of the diagonal."""
     band[c, d] = band[c, d] + value
@@ -320,7 +415,7 @@ def _add_to(band: Floats2, c: int, d: int, value: float) -> int:
 
 
 @kernel
-def _system(points: Points, mu: float, coefficient: Floats, room: Room) -> int:
+def _system(points: Points, rows: Records[Basis], mu: float, coefficient: Floats, room: Room) -> int:
     """Assemble the gradient of time and penalties with respect to the coefficients, and the lower band of the
     Hessian.
     """
@@ -332,72 +427,92 @@ def _system(points: Points, mu: float, coefficient: Floats, room: Room) -> int:
     m = len(points.span)
     p = 0
     while p < m:
-        # all points of a span have the same four coefficients
+        # all points of a span have the same four coefficients; first by z .. z''' at its start
         k = points.span[p]
-        s0 = s1 = s2 = s3 = 0.0
-        h00 = h10 = h11 = h20 = h21 = h22 = h30 = h31 = h32 = h33 = 0.0
+        begin = at(rows[k], coefficient, k)
+        t0 = t1 = t2 = t3 = 0.0
+        b00 = b01 = b02 = b03 = b11 = b12 = b13 = b22 = b23 = b33 = 0.0
         while p < m and points.span[p] == k:
-            row = points.row[p]
-            z = at(row, coefficient, k)
-            t0, t1, t2, t3, b00, b01, b02, b03, b11, b12, b13, b22, b23, b33 = _expanded(
+            x1 = points.place[p]
+            weight = mu * points.weight[p]
+            loose = room.loose[p]
+            z = _shifted(begin, x1)
+            if points.looks[p] != SNAP:
+                room.force[p] = _held(room.force[p], weight / (points.most[p] * loose - z.z))
+            d0, d1, d2, d3, c00, c01, c02, c03, c11, c12, c13, c22, c23, c33 = _expanded(
                 z,
                 points.r[p],
                 points.most[p],
                 points.looks[p],
-                room.loose[p],
-                mu * points.weight[p],
+                loose,
+                weight,
                 points.away[p],
+                room.force[p],
+                room.forces[p],
             )
-            a0, a1, a2, a3 = row.z
-            b0, b1, b2, b3 = row.z1
-            c0, c1, c2, c3 = row.z2
-            d0, d1, d2, d3 = row.z3
-            s0 = s0 + t0 * a0 + t1 * b0 + t2 * c0 + t3 * d0
-            s1 = s1 + t0 * a1 + t1 * b1 + t2 * c1 + t3 * d1
-            s2 = s2 + t0 * a2 + t1 * b2 + t2 * c2 + t3 * d2
-            s3 = s3 + t0 * a3 + t1 * b3 + t2 * c3 + t3 * d3
-            # the rows of the Hessian by z .. z''' times the basis, then the transposed basis times these
-            e0 = b00 * a0 + b01 * b0 + b02 * c0 + b03 * d0
-            e1 = b00 * a1 + b01 * b1 + b02 * c1 + b03 * d1
-            e2 = b00 * a2 + b01 * b2 + b02 * c2 + b03 * d2
-            e3 = b00 * a3 + b01 * b3 + b02 * c3 + b03 * d3
-            f0 = b01 * a0 + b11 * b0 + b12 * c0 + b13 * d0
-            f1 = b01 * a1 + b11 * b1 + b12 * c1 + b13 * d1
-            f2 = b01 * a2 + b11 * b2 + b12 * c2 + b13 * d2
-            f3 = b01 * a3 + b11 * b3 + b12 * c3 + b13 * d3
-            g0 = b02 * a0 + b12 * b0 + b22 * c0 + b23 * d0
-            g1 = b02 * a1 + b12 * b1 + b22 * c1 + b23 * d1
-            g2 = b02 * a2 + b12 * b2 + b22 * c2 + b23 * d2
-            g3 = b02 * a3 + b12 * b3 + b22 * c3 + b23 * d3
-            i0 = b03 * a0 + b13 * b0 + b23 * c0 + b33 * d0
-            i1 = b03 * a1 + b13 * b1 + b23 * c1 + b33 * d1
-            i2 = b03 * a2 + b13 * b2 + b23 * c2 + b33 * d2
-            i3 = b03 * a3 + b13 * b3 + b23 * c3 + b33 * d3
-            h00 = h00 + a0 * e0 + b0 * f0 + c0 * g0 + d0 * i0
-            h10 = h10 + a1 * e0 + b1 * f0 + c1 * g0 + d1 * i0
-            h11 = h11 + a1 * e1 + b1 * f1 + c1 * g1 + d1 * i1
-            h20 = h20 + a2 * e0 + b2 * f0 + c2 * g0 + d2 * i0
-            h21 = h21 + a2 * e1 + b2 * f1 + c2 * g1 + d2 * i1
-            h22 = h22 + a2 * e2 + b2 * f2 + c2 * g2 + d2 * i2
-            h30 = h30 + a3 * e0 + b3 * f0 + c3 * g0 + d3 * i0
-            h31 = h31 + a3 * e1 + b3 * f1 + c3 * g1 + d3 * i1
-            h32 = h32 + a3 * e2 + b3 * f2 + c3 * g2 + d3 * i2
-            h33 = h33 + a3 * e3 + b3 * f3 + c3 * g3 + d3 * i3
+            x2 = 0.5 * x1 * x1
+            x3 = x1 * x2 * _THIRD
+            t0 = t0 + d0
+            t1 = t1 + d1 + x1 * d0
+            t2 = t2 + d2 + x1 * d1 + x2 * d0
+            t3 = t3 + d3 + x1 * d2 + x2 * d1 + x3 * d0
+            # columns of the Hessian shifted to the start, then its rows
+            e01 = c01 + x1 * c00
+            e02 = c02 + x1 * c01 + x2 * c00
+            e03 = c03 + x1 * c02 + x2 * c01 + x3 * c00
+            e11 = c11 + x1 * c01
+            e12 = c12 + x1 * c11 + x2 * c01
+            e13 = c13 + x1 * c12 + x2 * c11 + x3 * c01
+            e22 = c22 + x1 * c12 + x2 * c02
+            e23 = c23 + x1 * c22 + x2 * c12 + x3 * c02
+            e33 = c33 + x1 * c23 + x2 * c13 + x3 * c03
+            b00 = b00 + c00
+            b01 = b01 + e01
+            b02 = b02 + e02
+            b03 = b03 + e03
+            b11 = b11 + e11 + x1 * e01
+            b12 = b12 + e12 + x1 * e02
+            b13 = b13 + e13 + x1 * e03
+            b22 = b22 + e22 + x1 * e12 + x2 * e02
+            b23 = b23 + e23 + x1 * e13 + x2 * e03
+            b33 = b33 + e33 + x1 * e23 + x2 * e13 + x3 * e03
             p = p + 1
-        slope[k] = slope[k] + s0
-        slope[k + 1] = slope[k + 1] + s1
-        slope[k + 2] = slope[k + 2] + s2
-        slope[k + 3] = slope[k + 3] + s3
-        _add_to(band, k, 0, h00)
-        _add_to(band, k + 1, 0, h11)
-        _add_to(band, k + 1, 1, h10)
-        _add_to(band, k + 2, 0, h22)
-        _add_to(band, k + 2, 1, h21)
-        _add_to(band, k + 2, 2, h20)
-        _add_to(band, k + 3, 0, h33)
-        _add_to(band, k + 3, 1, h32)
-        _add_to(band, k + 3, 2, h31)
-        _add_to(band, k + 3, 3, h30)
+        row = rows[k]
+        a0, a1, a2, a3 = row.z
+        f0, f1, f2, f3 = row.z1
+        g0, g1, g2, g3 = row.z2
+        i0, i1, i2, i3 = row.z3
+        slope[k] = slope[k] + t0 * a0 + t1 * f0 + t2 * g0 + t3 * i0
+        slope[k + 1] = slope[k + 1] + t0 * a1 + t1 * f1 + t2 * g1 + t3 * i1
+        slope[k + 2] = slope[k + 2] + t0 * a2 + t1 * f2 + t2 * g2 + t3 * i2
+        slope[k + 3] = slope[k + 3] + t0 * a3 + t1 * f3 + t2 * g3 + t3 * i3
+        # the rows of the Hessian by z .. z''' times the basis, then the transposed basis times these
+        p0 = b00 * a0 + b01 * f0 + b02 * g0 + b03 * i0
+        p1 = b00 * a1 + b01 * f1 + b02 * g1 + b03 * i1
+        p2 = b00 * a2 + b01 * f2 + b02 * g2 + b03 * i2
+        p3 = b00 * a3 + b01 * f3 + b02 * g3 + b03 * i3
+        q0 = b01 * a0 + b11 * f0 + b12 * g0 + b13 * i0
+        q1 = b01 * a1 + b11 * f1 + b12 * g1 + b13 * i1
+        q2 = b01 * a2 + b11 * f2 + b12 * g2 + b13 * i2
+        q3 = b01 * a3 + b11 * f3 + b12 * g3 + b13 * i3
+        r0 = b02 * a0 + b12 * f0 + b22 * g0 + b23 * i0
+        r1 = b02 * a1 + b12 * f1 + b22 * g1 + b23 * i1
+        r2 = b02 * a2 + b12 * f2 + b22 * g2 + b23 * i2
+        r3 = b02 * a3 + b12 * f3 + b22 * g3 + b23 * i3
+        s0 = b03 * a0 + b13 * f0 + b23 * g0 + b33 * i0
+        s1 = b03 * a1 + b13 * f1 + b23 * g1 + b33 * i1
+        s2 = b03 * a2 + b13 * f2 + b23 * g2 + b33 * i2
+        s3 = b03 * a3 + b13 * f3 + b23 * g3 + b33 * i3
+        _add_to(band, k, 0, a0 * p0 + f0 * q0 + g0 * r0 + i0 * s0)
+        _add_to(band, k + 1, 0, a1 * p1 + f1 * q1 + g1 * r1 + i1 * s1)
+        _add_to(band, k + 1, 1, a1 * p0 + f1 * q0 + g1 * r0 + i1 * s0)
+        _add_to(band, k + 2, 0, a2 * p2 + f2 * q2 + g2 * r2 + i2 * s2)
+        _add_to(band, k + 2, 1, a2 * p1 + f2 * q1 + g2 * r1 + i2 * s1)
+        _add_to(band, k + 2, 2, a2 * p0 + f2 * q0 + g2 * r0 + i2 * s0)
+        _add_to(band, k + 3, 0, a3 * p3 + f3 * q3 + g3 * r3 + i3 * s3)
+        _add_to(band, k + 3, 1, a3 * p2 + f3 * q2 + g3 * r2 + i3 * s2)
+        _add_to(band, k + 3, 2, a3 * p1 + f3 * q1 + g3 * r1 + i3 * s1)
+        _add_to(band, k + 3, 3, a3 * p0 + f3 * q0 + g3 * r0 + i3 * s0)
     return 0
 
 
@@ -446,7 +561,91 @@ def _diagonal(band: Floats2, c: int) -> float:
 
 
 @kernel
-def quickest(points: Points, coefficient: Floats, penalty: float, last: float, steps: int, room: Room) -> int:
+def _evaluated(points: Points, rows: Records[Basis], coefficient: Floats, room: Room) -> bool:
+    """Write the shares at all points; return False if u'² is not positive everywhere."""
+    k = -1
+    begin = Square(1.0, 0.0, 0.0, 0.0)
+    for p in range(len(points.span)):
+        if points.span[p] != k:
+            k = points.span[p]
+            begin = at(rows[k], coefficient, k)
+        z = _shifted(begin, points.place[p])
+        room.share[p] = shares(z, points.r[p], points.most[p], points.looks[p])
+        if room.share[p] >= _NOT_FORWARD:
+            return False
+    return True
+
+
+@kernel
+def _moved(force: float, gap: float, change: float, weight: float) -> float:
+    """Return the multiplier at the end of a step that lowers a distance to a limit, of which `gap` is the inverse, by
+    `change`.
+    """
+    return (weight + force * change) * gap
+
+
+@kernel
+def _farthest(points: Points, rows: Records[Basis], mu: float, coefficient: Floats, room: Room) -> float:
+    """Return the largest part of the step that keeps all limits to first order; update the multipliers."""
+    most = 1.0 - _NEARER  # largest share of a distance to a limit by which the step lowers it
+    k = -1
+    begin = Square(1.0, 0.0, 0.0, 0.0)
+    ahead = begin
+    for p in range(len(points.span)):
+        if points.span[p] != k:
+            k = points.span[p]
+            begin = at(rows[k], coefficient, k)
+            ahead = at(rows[k], room.step, k)
+        z = _shifted(begin, points.place[p])
+        dz = _shifted(ahead, points.place[p])
+        loose = room.loose[p]
+        weight = mu * points.weight[p]
+        looks = points.looks[p]
+        root = sqrt(z.z)
+        most = max(most, -dz.z / z.z)
+        if looks != SNAP:
+            gap = 1.0 / (points.most[p] * loose - z.z)
+            most = max(most, dz.z * gap)
+            room.force[p] = _moved(room.force[p], gap, dz.z, weight)
+        for i in range(len(points.r[p])):
+            r = points.r[p, i]
+            if _stands(r):
+                continue
+            a_up, a_down, j_up, j_down, s_up, s_down = room.forces[p, i]
+            if looks != SNAP:
+                g, g0, g1, _, _ = _acceleration(z, r)
+                change = g0 * dz.z + g1 * dz.z1
+                above, below = _gaps(g, loose)
+                most = max(most, max(change * above, -change * below))
+                a_up = _moved(a_up, above, change, weight)
+                a_down = _moved(a_down, below, -change, weight)
+                g, g0, g1, g2, _ = _jerk(z, root, r)
+                change = g0 * dz.z + g1 * dz.z1 + g2 * dz.z2
+                above, below = _gaps(g, loose)
+                most = max(most, max(change * above, -change * below))
+                j_up = _moved(j_up, above, change, weight)
+                j_down = _moved(j_down, below, -change, weight)
+            if looks != SPEEDS:
+                g, g0, g1, g2, g3 = _snap(z, r)
+                change = g0 * dz.z + g1 * dz.z1 + g2 * dz.z2 + g3 * dz.z3
+                above, below = _gaps(g, loose)
+                most = max(most, max(change * above, -change * below))
+                s_up = _moved(s_up, above, change, weight)
+                s_down = _moved(s_down, below, -change, weight)
+            room.forces[p, i] = Forces(a_up, a_down, j_up, j_down, s_up, s_down)
+    return (1.0 - _NEARER) / most
+
+
+@kernel
+def quickest(
+    points: Points,
+    rows: Records[Basis],
+    coefficient: Floats,
+    penalty: float,
+    last: float,
+    steps: int,
+    room: Room,
+) -> int:
     """Optimize the spline for time, in place; return the number of points at which it still violates a limit.
 
     Three coefficients at each end are fixed.  At a point that violates a limit, this limit is relaxed, and then
@@ -458,38 +657,55 @@ def quickest(points: Points, coefficient: Floats, penalty: float, last: float, s
     loose = room.loose
     n = len(coefficient)
     above = 0
+    if not _evaluated(points, rows, coefficient, room):
+        return 1
+    whole = 0.0
+    least = _NOT_FORWARD  # worst share so far
+    waited = 0  # number of steps in which it did not fall
     for p in range(len(points.span)):
-        z = at(points.row[p], coefficient, points.span[p])
-        share[p] = shares(z, points.r[p], points.most[p], points.looks[p])
-        if share[p] >= _NOT_FORWARD:
-            return 1
+        whole = whole + points.weight[p]
+        weight = penalty * points.weight[p]
+        room.force[p] = 0.0
+        for i in range(len(points.r[p])):
+            room.forces[p, i] = Forces(weight, weight, weight, weight, weight, weight)
+    for c in range(n):
+        room.step[c] = 0.0
     for _ in range(steps):
         above = 0
+        worst = 0.0
         for p in range(len(points.span)):
             loose[p] = 1.0 if share[p] < _TOUCHES else _LOOSE * share[p]
+            worst = max(worst, share[p])
             if share[p] >= 1.0:
                 above = above + 1
+        if above > 0:
+            if worst > _PROGRESS * least:
+                waited = waited + 1
+                if waited == _PATIENCE:
+                    break
+            else:
+                least = worst
+                waited = 0
         # violated limits first: with a small penalty the step would go for time and leave them violated
         if above > 0:
             penalty = max(penalty, _INWARDS)
-        _system(points, penalty, coefficient, room)
+        _system(points, rows, penalty, coefficient, room)
         if not _solved(room.band, 3, n - 3, room.slope, room.step):
             break
-        for p in range(len(points.span)):
-            # keep a distance to the barrier: at the limit itself its slope is infinite and the next step would be tiny
-            loose[p] = loose[p] - _NEARER * (loose[p] - share[p])
-        far = 1.0
+        far = _farthest(points, rows, penalty, coefficient, room)
         good = False
         for _ in range(_HALVINGS):
-            for c in range(n):
-                room.tried[c] = coefficient[c] + (far * room.step[c] if c >= 3 and c < n - 3 else 0.0)
-            good = True
-            for p in range(len(points.span)):
-                z = at(points.row[p], room.tried, points.span[p])
-                share[p] = shares(z, points.r[p], points.most[p], points.looks[p])
-                if share[p] > loose[p]:
-                    good = False
-                    break
+            for c in range(3, n - 3):
+                room.tried[c] = coefficient[c] + far * room.step[c]
+            for c in range(3):
+                room.tried[c] = coefficient[c]
+                room.tried[n - 1 - c] = coefficient[n - 1 - c]
+            good = _evaluated(points, rows, room.tried, room)
+            if good:
+                for p in range(len(points.span)):
+                    if share[p] > (1.0 - _ROUNDING) * loose[p]:
+                        good = False
+                        break
             if good:
                 break
             far = 0.5 * far
@@ -497,8 +713,11 @@ def quickest(points: Points, coefficient: Floats, penalty: float, last: float, s
             return max(above, 1)
         for c in range(n):
             coefficient[c] = room.tried[c]
-        # lower the penalty only after nearly full steps: before, Newton's method has not converged for this one
-        if above == 0 and far > 0.3:
+        gain = 0.0  # by the whole step, to second order
+        for c in range(3, n - 3):
+            gain = gain - room.slope[c] * room.step[c]
+        # lower the penalty only when little of the step is left: before, Newton's method has not converged for this one
+        if above == 0 and (1.0 - far) * gain <= _LEFT * penalty * whole:
             if penalty <= last:
                 break
             penalty = max(last, _FALL * penalty)
@@ -669,6 +888,160 @@ def states(motion: Motion, begin: Floats, time: Floats, out: Records[Reached]) -
     return 0
 
 
+_FINE = 7.0  # number of spans in the duration of half a ramp
+# some time intervals exist only due to rounding: their length must not set that of the spans
+_FINEST = 0.02  # of the mean duration of time intervals
+_LEAST_SPAN = 1e-9  # s: a first phase of the duration of rounding must not set the first span
+_HIDDEN = 0.1  # of the spans: shorter time intervals do not show in the spline
+_TURNS = 0.15  # largest duration of a span relative to u'/|u''|
+
+
+@kernel
+def spacing(motion: Motion, end: State, spans: int, wide: int, share: float, step: Floats, edge: Floats) -> int:
+    """Write the durations of spans, s: `step` within each time interval and `edge` at their ends; return a bound on the
+    number of knots.
+
+    end          the state at the end
+    spans        number of time intervals at the start that are spans of an earlier spline
+    wide, share  half a ramp lasts as long as `share` of that many time intervals
+    """
+    duration = motion.duration
+    n = len(duration)
+    mean = 0.0
+    for m in range(n):
+        mean = mean + duration[m] / float(n)
+    for m in range(n):
+        least = 1e300
+        for first in range(max(m - wide + 1, 0), min(m, n - wide) + 1):
+            lasts = 0.0
+            for k in range(first, first + wide):
+                lasts = lasts + duration[k]
+            least = min(least, lasts)
+        step[m] = max(duration[m] if m < spans else least * share / _FINE, _FINEST * mean)
+    for m in range(n + 1):
+        last = m == n
+        h = min(step[min(m, n - 1)], step[max(m - 1, 0)])
+        # the states at the ends fix three coefficients: a span there must not be longer than the phase it lies in
+        if (m == 0 and spans == 0) or last:
+            h = min(h, max(duration[n - 1 if last else 0], _LEAST_SPAN))
+        speed = end.speed if last else motion.speed[m]
+        acceleration = end.acceleration if last else motion.acceleration[m]
+        edge[m] = min(h, _TURNS * speed / max(abs(acceleration), 1e-300))
+    graded(duration, edge)
+    size = 2.0
+    for m in range(n):
+        size = size + 2.0 + (1.0 + GRADE) * duration[m] / min(step[m], min(edge[m], edge[m + 1]))
+    return int(size)
+
+
+@kernel
+def approximation(
+    motion: Motion,
+    begin: Floats,
+    time: Floats,
+    end: State,
+    at_begin: float,
+    at_end: float,
+    blended: int,
+    reached: Records[Reached],
+    knots: Floats,
+    coefficient: Floats,
+) -> bool:
+    """Write knots and coefficients of a spline u'²(u) that approximates a motion and has the states of motions at both
+    ends that take `at_begin` and `at_end` times as long; return False if it does not move between two knots.
+
+    begin    u at the start of each path piece
+    time     times of the knots, s
+    end      the state at the end
+    blended  number of coefficients over which the spline takes up such a change of speed
+    reached  workspace, a row for each knot
+    """
+    n = len(time)
+    states(motion, begin, time, reached)
+    reached[n - 1] = Reached(reached[n - 1].u, end.speed, end.acceleration, end.jerk)
+    for k in range(n + 6):
+        knots[k] = reached[min(max(k - 3, 0), n - 1)].u
+    for k in range(n - 1):
+        if reached[k + 1].u <= reached[k].u:
+            return False
+    m = 0
+    gone = motion.duration[0]
+    for c in range(n + 2):
+        # the blossom of u'² at three knots, from its Taylor form at one of them
+        k = 0 if c < 3 else (n - 1 if c > n - 2 else c - 1)
+        u, v, a, j = reached[k]
+        p = knots[c + 1] - u
+        q = knots[c + 2] - u
+        r = knots[c + 3] - u
+        value = v * v + 2.0 / 3.0 * a * (p + q + r) + j / (3.0 * v) * (p * q + q * r + r * p)
+        while m + 1 < len(motion.duration) and time[k] >= gone:
+            m = m + 1
+            gone = gone + motion.duration[m]
+        if c >= 3 and c <= n - 2 and motion.duration[m] < _HIDDEN * min(time[k] - time[k - 1], time[k + 1] - time[k]):
+            # beyond a time interval much shorter than the spans its Taylor form does not hold: there Schoenberg's
+            # approximation, whose coefficients are u'² at the mean of the three knots, which overshoots nowhere
+            mean = u + (p + q + r) / 3.0
+            low = k - 1 if mean < u else k
+            before = reached[low]
+            after = reached[low + 1]
+            way = (mean - before.u) / (after.u - before.u)
+            value = (1.0 - way) * before.speed * before.speed + way * after.speed * after.speed
+        for side in range(2):
+            factor = at_begin if side == 0 else at_end
+            far = (c if side == 0 else n + 1 - c) - 2
+            part = 1.0 if far >= blended else max(float(far) / float(max(blended, 1)), 0.0)
+            slower = 1.0 / (factor * factor)
+            value = value * (slower + (1.0 - slower) * part)
+        coefficient[c] = value
+    return True
+
+
+@kernel
+def reserve_factor(
+    piece: Piece,
+    x: float,
+    top: float,
+    limits: Records[Limits],
+    shares: Limits,
+    motion: Motion,
+    end: State,
+    r: Records[Derivatives],
+) -> float:
+    """Return the factor >= 1 by which the time of a motion must grow to use no more than shares of each limit along
+    the direction of the path at x, of which `top` is the largest speed.
+
+    end  the state at the end
+    r    workspace for each axis
+    """
+    derivatives(piece.kind, piece.length, piece.shape, x, r)
+    v = abs(end.speed)
+    a = abs(end.acceleration)
+    j = abs(end.jerk)
+    s = 0.0
+    for m in range(len(motion.duration)):
+        v = max(v, abs(motion.speed[m]))
+        a = max(a, abs(motion.acceleration[m]))
+        j = max(j, abs(motion.jerk[m]))
+        s = max(s, abs(motion.snap[m]))
+    room = _along(r, limits)
+    for i in range(len(limits)):
+        slope = abs(r[i].first)
+        if slope != 0.0:
+            top = min(top, limits[i].velocity / slope)
+    # a motion that takes f times as long has 1/f .. 1/f⁴ of the derivatives
+    factor = max(v / (shares.velocity * top), sqrt(a / (shares.acceleration * room.acceleration)))
+    factor = max(factor, cube_root(j / (shares.jerk * room.jerk)))
+    return max(1.0, max(factor, sqrt(sqrt(s / (shares.snap * room.snap)))))
+
+
+@kernel
+def rows_at_knots(knots: Floats, out: Records[Basis]) -> int:
+    """Write the weights of the coefficients of each span in z .. z''' at its start."""
+    for k in range(len(out)):
+        out[k] = basis(knots, k, knots[k + 3])
+    return 0
+
+
 @kernel
 def points(
     pieces: Pieces,
@@ -715,7 +1088,7 @@ def points(
             for place in range(POINTS):
                 here = x if place == 0 else (e if place == 2 else 0.5 * (x + e))
                 out.span[count] = k
-                out.row[count] = basis(knots, k, here)
+                out.place[count] = here - knots[k + 3]
                 derivatives(pieces.kind[p], length, pieces.shape[p], min(max(here - begin[p], 0.0), length), d)
                 # full at the ends, where the plan may be at the top speed already, and falling no faster than it can
                 far = min(time[k], whole - time[k + 1]) / (_FALLS * whole)
