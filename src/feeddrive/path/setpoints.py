@@ -119,7 +119,7 @@ def planned(
             segments = segments._replace(tolerance=np.where(segments.tolerance > LEFT, segments.tolerance - LEFT, 0.0))
         alone = joiner.rests and segments.ends and of_tip is None
         whole = _quicker(segments, weighted, overridden.factor() if overridden else 1.0) if alone else None
-        sections, joint = whole[:2] if whole else joiner.join(segments)
+        sections, joint, ready = whole or (*joiner.join(segments), None)
         if of_tip is None:  # the pieces of a tip have their lines themselves
             for section in sections:
                 lines.add(section)
@@ -132,9 +132,9 @@ def planned(
             tip.join(joint.deviation, segments)
             sections = [tip.joints(section, segments, of_tip) for section in sections]
         if overridden is not None:
-            parts = overridden.along(sections, segments.ends, whole[2] if whole else None)
+            parts = overridden.along(sections, segments.ends, ready)
         else:
-            parts = whole[2] if whole else planner.along(sections, segments.ends)
+            parts = planner.along(sections, segments.ends) if ready is None else ready
         yield from leaving(parts)
 
 
@@ -149,14 +149,15 @@ class _Run:
 
     def within(self, length: float) -> Changes:
         """Return the changes from `passed` on over a length, m."""
+        at, line = self.known
         if self.changes:
-            self.known = Changes(*(np.concatenate(columns) for columns in zip(self.known, *self.changes, strict=True)))
+            at, line = (np.concatenate(columns) for columns in zip(self.known, *self.changes, strict=True))
             self.changes = []
-        first = max(int(np.searchsorted(self.known.at, self.passed, side="right")) - 1, 0)
+        first = max(int(at.searchsorted(self.passed, side="right")) - 1, 0)
         # what has been passed is dropped, since a run may go on for as long as the program does
-        self.known = Changes(self.known.at[first:], self.known.line[first:])
-        last = int(np.searchsorted(self.known.at, self.passed + length, side="right"))
-        return Changes(self.known.at[:last] - self.passed, self.known.line[:last])
+        self.known = Changes(at[first:], line[first:])
+        last = int(at.searchsorted(self.passed + length, side="right"))
+        return Changes(at[first:last] - self.passed, line[first:last])
 
 
 class _Lines:
@@ -173,19 +174,19 @@ class _Lines:
         run, self._open = self._runs[-1], not section.ends
         if section.lines is not None:
             run.changes.append(Changes(section.lines.at + run.length, section.lines.line))
-        run.length += float(np.sum(section.pieces.length))
+        run.length += float(section.pieces.length.sum())
 
     def told(self, part: Part) -> Part:
         """Return the next part with the lines along its pieces."""
         run, length = self._runs[0], part.pieces.length
-        changes = run.within(float(np.sum(length)))
+        changes = run.within(float(length.sum()))
         # the next part begins on the piece on which this one ends
-        run.passed += float(np.sum(length[:-1]))
+        run.passed += float(length[:-1].sum())
         if part.ends:
             self._runs.popleft()
         entering = part.entering
         if entering is not None:
-            entering = entering._replace(lines=self._runs[0].within(float(np.sum(entering.pieces.length))))
+            entering = entering._replace(lines=self._runs[0].within(float(entering.pieces.length.sum())))
         return part._replace(lines=changes, entering=entering)
 
 
@@ -199,18 +200,18 @@ def _in_radians(part: Part, weights: np.ndarray | None) -> Part:
     return part._replace(pieces=counted(part.pieces, 1.0 / weights), entering=entering, weights=weights)
 
 
-def _quicker(chain: Chain, limits: np.ndarray, factor: float) -> tuple[list[Section], Joint, list[Part]] | None:
+def _quicker(chain: Chain, limits: np.ndarray, factor: float) -> tuple[list[Section], Joint, list[Part] | None] | None:
     """Plan a short chain at a feed factor in two ways, once with splines and blends and once with overlapping runs at
     all corners; return the faster plan.
 
-    The result is None if the chain is not short, or if both plans are identical.
+    The parts are None, not yet planned, if both plans are identical; the result is None if the chain is not short.
     """
     if len(chain.tolerance) > SHORT:
         return None
     # with a limit angle of nearly 0 every corner becomes a stop, which `Crossings` then passes in time
     usual, in_time = Joiner().join(chain), Joiner(SMOOTH, 0.0).join(chain)
     if np.array_equal(usual[1].stop, in_time[1].stop):
-        return None
+        return *usual, None
     whole = [(*joined, list(Planner(limits, factor).along(joined[0], True))) for joined in (usual, in_time)]
     return min(whole, key=lambda candidate: _lasts(candidate[2]))
 

@@ -657,7 +657,10 @@ def width(away: float, short: float) -> tuple[float, float]:
     w = 6.0 * away
     # phi(0) = away solved for w by fixed-point iteration
     for _ in range(60):
+        before = w
         w = 6.0 * away - short * short / (4.0 * w) * (1.0 - short / (8.0 * w))
+        if w == before:
+            break
     return w, short
 
 
@@ -731,7 +734,9 @@ def bump(
         above = 1.0  # largest share of a limit at `high`; 1 if unknown
         more = 1.0  # the same at the last higher speed, whose cube is `farther`
         farther = 0.0
-        v = fastest
+        # a shape that is infeasible just above the best speed so far needs no search
+        probes = reached > 0.0 and (1.0 + 0.9 * _NEAR) * reached < fastest
+        v = (1.0 + 0.9 * _NEAR) * reached if probes else fastest
         for again in range(_TRIES):
             # the snap of a bump is twice its jerk over s: at the limit of the jerk half of that of the snap
             w, short = width(near / v, 4.0 * one.jerk / one.snap if one.snap < 1e299 else 0.0)
@@ -777,6 +782,10 @@ def bump(
                 above = excess
             if high - low <= _NEAR * high:
                 break
+            if probes:
+                probes = False
+                v = fastest
+                continue
             # the jerk of a bump grows as v³, that of ramps is constant: a secant in v³ through two infeasible speeds
             v = 0.5 * (low + high)
             if above > 1.0 and more > above:
@@ -786,7 +795,7 @@ def bump(
                 secant = cube_root(cubes) if cubes > 0.0 else 0.0
                 if secant >= low + _SECANT * (high - low):
                     v = min(max(secant, (1.0 + 0.9 * _NEAR) * low), v)
-            elif above > 1.0 and again == 0:
+            elif above > 1.0 and high == fastest:
                 v = high / cube_root(above)
                 if v <= 0.9 * low:
                     break

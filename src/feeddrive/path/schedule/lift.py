@@ -45,10 +45,10 @@ _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
 _STEPS = 40
 # a final penalty of 3e-3 would make motions 0.1 % faster and the computation 5 % longer
-_PENALTIES = (0.1, 0.01, 5e-3)  # initially, at the start of each round, and finally
+_PENALTIES = (0.1, 0.01, 3e-3)  # initially, at the start of each round, and finally
 _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
-_ASIDE = 16  # number of spans on either side of such a point that are optimized again
+_ASIDE = 32  # number of spans on either side of such a point that are optimized again
 # a lifted motion ends in a node of the plan; lifted again with the next part, it need not have u'' = u''' = 0 there
 _HELD = 0.3  # of the duration of the lifted motion is held back for the next part
 _HUMP = 15  # number of time intervals of a ramp up, a plateau and a ramp down
