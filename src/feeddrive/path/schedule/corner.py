@@ -737,7 +737,7 @@ def bump(
         # a shape that is infeasible just above the best speed so far needs no search
         probes = reached > 0.0 and (1.0 + 0.9 * _NEAR) * reached < fastest
         v = (1.0 + 0.9 * _NEAR) * reached if probes else fastest
-        for again in range(_TRIES):
+        for _ in range(_TRIES):
             # the snap of a bump is twice its jerk over s: at the limit of the jerk half of that of the snap
             w, short = width(near / v, 4.0 * one.jerk / one.snap if one.snap < 1e299 else 0.0)
             # the snaps of ramp and bump add up in the corner
