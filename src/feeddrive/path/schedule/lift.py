@@ -44,8 +44,8 @@ _BLENDED = 30  # number of coefficients over which the first spline takes up suc
 _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
 _STEPS = 40
-# a final penalty of 3e-3 would make motions 0.1 % faster and the computation 5 % longer
-_PENALTIES = (0.1, 0.01, 3e-3)  # initially, at the start of each round, and finally
+_PENALTIES = (0.1, 3e-3)  # initially and finally
+_AGAIN = (0.01, 5e-3)  # the same where a proof has failed: nearer to the limits it would fail again
 _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
 _ASIDE = 32  # number of spans on either side of such a point that are optimized again
@@ -184,8 +184,7 @@ class _Path:
         looked = self._points(time, knots)
         rows = rows_for(Basis, n)
         spline.rows_at_knots(knots, rows)
-        begins, goes_on, ends = _PENALTIES
-        if _quicker(looked, rows, coefficient, begins, ends, 0, n):
+        if _quicker(looked, rows, coefficient, *_PENALTIES, 0, n):
             return None
         at_begin, at_end = factors
         starts = _slower(State(motion.speed[0], motion.acceleration[0], motion.jerk[0]), at_begin)
@@ -195,12 +194,12 @@ class _Path:
         tried, new = coefficient.copy(), [(0, n)]
         for number in range(1, _ROUNDS + 1):
             for first, last in new if number > 1 else ():
-                if _quicker(looked, rows, tried, goes_on, ends, first, last):
+                if _quicker(looked, rows, tried, *_AGAIN, first, last):
                     if last - first == n:
                         return None
                     # changing these spans alone is infeasible: optimize all of them
                     tried, new = coefficient.copy(), [(0, n)]
-                    if _quicker(looked, rows, tried, goes_on, ends, 0, n):
+                    if _quicker(looked, rows, tried, *_AGAIN, 0, n):
                         return None
                     break
             if not spline.in_time(knots, tried, self._begin, starts, end, _TOGETHER, timed, *more):
@@ -288,17 +287,15 @@ def _quicker(
     part = _some_points(looked, begins_at, ends_at)
     part = part._replace(span=part.span - first)
     m, n, axes = len(part.span), last - first + 3, part.r.shape[1]
-    room = Room(
-        np.zeros(m),
-        np.zeros(m),
-        rows_for(Forces, m, axes),
-        np.zeros(m),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros((n, 4)),
+    return spline.quickest(
+        part, rows[first:last], coefficient[first : last + 3], begins, ends, _STEPS, _room(m, n, axes)
     )
-    return spline.quickest(part, rows[first:last], coefficient[first : last + 3], begins, ends, _STEPS, room)
+
+
+def _room(m: int, n: int, axes: int) -> Room:
+    """Return the work arrays of `quickest` for m points, n coefficients and a number of axes."""
+    forces = rows_for(Forces, m, axes)
+    return Room(np.zeros(m), np.zeros(m), forces, np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4)))
 
 
 def _some_points(points: Points, first: int, last: int) -> Points:

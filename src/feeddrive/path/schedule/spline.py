@@ -37,10 +37,9 @@ _ROUNDING = 1e-9  # part of a relaxed limit that must be left, whatever the expa
 # penalty says nothing
 _LEAST_FORCE, _MOST_FORCE = 0.01, 100.0
 _FALL = 0.25  # factor of the penalty per step
-_LEFT = 1.0  # of the penalty: largest time still to be gained, relative to the whole, before the penalty is lowered
+_LEFT = 0.5  # of the penalty: largest time still to be gained, relative to the whole, before the penalty is lowered
 _PATIENCE = 8  # number of steps in which the worst violation may stay above 0.98 of the least so far
 _PROGRESS = 0.98
-_THIRD = 1.0 / 3.0
 _HALVINGS = 12  # largest number of halvings of a step
 _NOT_FORWARD = 1e300  # share returned where u'² is not positive
 SPEEDS = 1
@@ -400,11 +399,11 @@ def at(row: Basis, coefficient: Floats, k: int) -> Square:
 
 
 @kernel
-def _shifted(z: Square, x: float) -> Square:
+def shifted(z: Square, x: float) -> Square:
     """Return z .. z''' at the distance x from where they are given, within a span."""
     half = 0.5 * x
     z2 = z.z2 + x * z.z3
-    return Square(z.z + x * (z.z1 + half * (z.z2 + x * _THIRD * z.z3)), z.z1 + half * (z.z2 + z2), z2, z.z3)
+    return Square(z.z + x * (z.z1 + half * (z.z2 + x * (1.0 / 3.0) * z.z3)), z.z1 + half * (z.z2 + z2), z2, z.z3)
 
 
 @kernel
@@ -436,7 +435,7 @@ def _system(points: Points, rows: Records[Basis], mu: float, coefficient: Floats
             x1 = points.place[p]
             weight = mu * points.weight[p]
             loose = room.loose[p]
-            z = _shifted(begin, x1)
+            z = shifted(begin, x1)
             if points.looks[p] != SNAP:
                 room.force[p] = _held(room.force[p], weight / (points.most[p] * loose - z.z))
             d0, d1, d2, d3, c00, c01, c02, c03, c11, c12, c13, c22, c23, c33 = _expanded(
@@ -451,7 +450,7 @@ def _system(points: Points, rows: Records[Basis], mu: float, coefficient: Floats
                 room.forces[p],
             )
             x2 = 0.5 * x1 * x1
-            x3 = x1 * x2 * _THIRD
+            x3 = x1 * x2 * (1.0 / 3.0)
             t0 = t0 + d0
             t1 = t1 + d1 + x1 * d0
             t2 = t2 + d2 + x1 * d1 + x2 * d0
@@ -569,7 +568,7 @@ def _evaluated(points: Points, rows: Records[Basis], coefficient: Floats, room: 
         if points.span[p] != k:
             k = points.span[p]
             begin = at(rows[k], coefficient, k)
-        z = _shifted(begin, points.place[p])
+        z = shifted(begin, points.place[p])
         room.share[p] = shares(z, points.r[p], points.most[p], points.looks[p])
         if room.share[p] >= _NOT_FORWARD:
             return False
@@ -596,8 +595,8 @@ def _farthest(points: Points, rows: Records[Basis], mu: float, coefficient: Floa
             k = points.span[p]
             begin = at(rows[k], coefficient, k)
             ahead = at(rows[k], room.step, k)
-        z = _shifted(begin, points.place[p])
-        dz = _shifted(ahead, points.place[p])
+        z = shifted(begin, points.place[p])
+        dz = shifted(ahead, points.place[p])
         loose = room.loose[p]
         weight = mu * points.weight[p]
         looks = points.looks[p]
