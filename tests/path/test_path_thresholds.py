@@ -638,7 +638,7 @@ def wavy() -> Pieces:
 def lifting() -> list[tuple[Part, list[Part], Part | None]]:
     """Each part of a wavy path, what lifting makes final after it, and what waits then."""
     lifter = Lifter(LIMITS)
-    return [(part, [*lifter.add(part)], lifter.hand) for part in Schedule(LIMITS, 100).add(Section(wavy(), True))]
+    return [(part, [*lifter.add(part)], lifter.hand) for part in Schedule(LIMITS, 70).add(Section(wavy(), True))]
 
 
 def count_of(part: Part) -> int:

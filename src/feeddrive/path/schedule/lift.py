@@ -44,7 +44,9 @@ _BLENDED = 30  # number of coefficients over which the first spline takes up suc
 _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
 _STEPS = 40
-_PENALTIES = (0.1, 3e-3)  # initially and finally
+_FIRST = 0.1  # initial penalty
+# final penalties: the second one, if no motion is proven with the first, leaves more of the limits between the points
+_NEAREST, _FARTHER = 3e-3, 0.02
 _AGAIN = (0.01, 5e-3)  # the same where a proof has failed: nearer to the limits it would fail again
 _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
@@ -179,16 +181,23 @@ class _Path:
         made = self._spline(motion, end, spans, factors)
         if made is None:
             return None  # time intervals without motion except for rounding
-        time, knots, coefficient = made
-        n = len(time) - 1
+        at_begin, at_end = factors
+        starts = _slower(State(motion.speed[0], motion.acceleration[0], motion.jerk[0]), at_begin)
+        return self._proven(made, starts, _slower(end, at_end), _NEAREST) or self._proven(
+            made, starts, _slower(end, at_end), _FARTHER
+        )
+
+    def _proven(
+        self, made: tuple[np.ndarray, np.ndarray, np.ndarray], starts: State, end: State, penalty: float
+    ) -> Motion | None:
+        """Return the proven motion of a spline in the form of `_spline`, optimized down to a penalty, or None."""
+        time, knots, begun = made
+        n, coefficient = len(time) - 1, begun.copy()
         looked = self._points(time, knots)
         rows = rows_for(Basis, n)
         spline.rows_at_knots(knots, rows)
-        if _quicker(looked, rows, coefficient, *_PENALTIES, 0, n):
+        if _quicker(looked, rows, coefficient, _FIRST, penalty, 0, n):
             return None
-        at_begin, at_end = factors
-        starts = _slower(State(motion.speed[0], motion.acceleration[0], motion.jerk[0]), at_begin)
-        end = _slower(end, at_end)
         timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
         more = rows_for(State, n + 1), np.zeros((2 * _TOGETHER, 4))
         tried, new = coefficient.copy(), [(0, n)]

@@ -663,13 +663,9 @@ def quickest(
     waited = 0  # number of steps in which it did not fall
     for p in range(len(points.span)):
         whole = whole + points.weight[p]
-        weight = penalty * points.weight[p]
-        room.force[p] = 0.0
-        for i in range(len(points.r[p])):
-            room.forces[p, i] = Forces(weight, weight, weight, weight, weight, weight)
     for c in range(n):
         room.step[c] = 0.0
-    for _ in range(steps):
+    for again in range(steps):
         above = 0
         worst = 0.0
         for p in range(len(points.span)):
@@ -688,6 +684,12 @@ def quickest(
         # violated limits first: with a small penalty the step would go for time and leave them violated
         if above > 0:
             penalty = max(penalty, _INWARDS)
+        if again == 0:
+            for p in range(len(points.span)):
+                weight = penalty * points.weight[p]
+                room.force[p] = 0.0
+                for i in range(len(points.r[p])):
+                    room.forces[p, i] = Forces(weight, weight, weight, weight, weight, weight)
         _system(points, rows, penalty, coefficient, room)
         if not _solved(room.band, 3, n - 3, room.slope, room.step):
             break
