@@ -250,26 +250,31 @@ class _Path:
         states at both ends.
         """
         n = len(motion.duration)
+        spans = min(spans, n)
         wide, share = _HALF[self._unlimited]
         wide = min(wide, n)
         sums = np.convolve(motion.duration, np.ones(wide), "valid")
         padded = np.concatenate([np.full(wide - 1, np.inf), sums, np.full(wide - 1, np.inf)])
         step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (share / _FINE)
-        step[:spans] = motion.duration[:spans]
         finest = _FINEST * float(np.mean(motion.duration))
         step = np.maximum(step, finest)
+        # spans stay as they are: with other knots the snaps of a lifted motion would exceed their limits
+        step[:spans] = motion.duration[:spans]
         edge = np.concatenate([step[:1], np.minimum(step[1:], step[:-1]), step[-1:]])
         # the states at the ends fix three coefficients, so that a span must not be longer than the phase it lies in
-        if not spans:
-            edge[0] = min(edge[0], max(float(motion.duration[0]), _LEAST_SPAN))
-        edge[-1] = min(edge[-1], max(float(motion.duration[-1]), _LEAST_SPAN))
+        edge[0] = min(edge[0], max(_first_phase(motion), _LEAST_SPAN))
+        edge[-1] = min(edge[-1], max(_first_phase(motion, -1), _LEAST_SPAN))
         speed, acceleration = np.append(motion.speed, end.speed), np.append(motion.acceleration, end.acceleration)
         edge = np.minimum(edge, _TURNS * speed / np.maximum(np.abs(acceleration), 1e-300))
-        spline.graded(motion.duration, edge)
-        least = np.minimum(step, np.minimum(edge[:-1], edge[1:]))
-        size = 2 + int(np.sum(2.0 + (1.0 + spline.GRADE) * motion.duration / least))
-        time = np.zeros(size)
-        time = time[: spline.instants(motion.duration, step, edge, time)]
+        time = np.concatenate([[0.0], np.cumsum(motion.duration[:spans])])
+        if spans < n:
+            duration, step, edge = motion.duration[spans:], step[spans:], edge[spans:]
+            spline.graded(duration, edge)
+            least = np.minimum(step, np.minimum(edge[:-1], edge[1:]))
+            size = 2 + int(np.sum(2.0 + (1.0 + spline.GRADE) * duration / least))
+            behind = np.zeros(size)
+            behind = behind[: spline.instants(duration, step, edge, behind)]
+            time = np.concatenate([time[:-1], time[-1] + behind])
         sampled = rows_for(Reached, len(time))
         spline.states(motion, self._begin, time, sampled)
         sampled[-1] = by_field(Reached, sampled[-1])._replace(**end._asdict())
@@ -398,6 +403,15 @@ def _rests(motion: Motion) -> np.ndarray:
     slow[0] = slow[0] and (motion.speed[0] == 0.0 or motion.acceleration[0] == 0.0)
     slow[1:-1] &= (speed[1:-1] < speed[:-2]) & (speed[1:-1] < speed[2:])
     return slow
+
+
+def _first_phase(motion: Motion, sense: int = 1) -> float:
+    """Return the duration of the first (`sense` 1) or last (-1) time interval, s, or that of its neighbor if it is a
+    plateau shorter than that, as ramps may leave plateaus of the size of their error.
+    """
+    duration, acceleration, jerk, snap = (column[::sense] for column in (motion.duration, *motion[4:]))
+    flat = acceleration[0] == 0.0 and jerk[0] == 0.0 and snap[0] == 0.0
+    return float(np.max(duration[: 2 if flat else 1]))
 
 
 def _some(motion: Motion, first: int, last: int) -> Motion:
