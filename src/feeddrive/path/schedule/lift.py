@@ -55,6 +55,8 @@ _STEPS = 40
 _PENALTIES = (0.1, 0.01, 5e-3)  # initially, at the start of each round, and finally
 _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
+_GIVEN = 8.0  # number of spans from a given state at an end over which the reduction grows to that
+_REFINED = 3  # largest number of times that a section is tried, each time with spans half as long where it failed
 _ASIDE = 16  # number of spans on either side of such a point that are optimized again
 # a lifted motion ends in a node of the plan; lifted again with the next part, it need not have u'' = u''' = 0 there
 _HELD = 0.3  # of the duration of the lifted motion is held back for the next part
@@ -185,9 +187,33 @@ class _Path:
         """Return a proven motion between the same states, or None, for a motion that is at rest at neither end; `end`
         is u' .. u''' at its end.
 
-        Both states are those of a motion that takes longer by one of the two factors.
+        Both states are those of a motion that takes longer by one of the two factors.  Where it fails, spans are
+        halved.
         """
-        time, knots, coefficient = self._spline(motion, end, spans)
+        finer = np.ones(len(motion.duration), np.int64)
+        for _ in range(_REFINED):
+            lifted, time, failed = self._tried(motion, end, spans, factors, finer)
+            if lifted is not None or not len(failed):
+                return lifted
+            edges = np.concatenate([[0.0], np.cumsum(motion.duration)])
+            first = np.searchsorted(edges, time[np.maximum(failed - 1, 0)], side="right") - 1
+            last = np.searchsorted(edges, time[np.minimum(failed + 2, len(time) - 1)])
+            of_failed = np.zeros(len(finer), bool)
+            for one, two in zip(first.tolist(), last.tolist(), strict=True):
+                of_failed[one:two] = True
+            finer[of_failed] *= 2
+        return None
+
+    def _tried(
+        self, motion: Motion, end: State, spans: int, factors: Sequence[float], finer: np.ndarray
+    ) -> tuple[Motion | None, np.ndarray, np.ndarray]:
+        """Return a motion as `_between` does, the times of the knots in the given one, and the spans at which limits
+        cannot be kept if there is none.
+
+        finer  factor by which spans are shorter in each time interval, shape (m,)
+        """
+        time, knots, coefficient = self._spline(motion, end, spans, finer)
+        nowhere = np.zeros(0, np.int64)
         if min(factors) != 1.0 or max(factors) != 1.0:
             # the three coefficients at either end are those of one state
             k, n = np.arange(len(coefficient)), len(coefficient)
@@ -195,46 +221,51 @@ class _Path:
             for from_end, factor in zip((k, n - 1 - k), factors, strict=True):
                 coefficient *= np.interp(from_end, [2, 2 + blended], [factor**-2, 1.0])
         if np.any(np.diff(knots[3:-3]) <= 0.0):
-            return None  # time intervals without motion except for rounding
+            return None, time, nowhere  # time intervals without motion except for rounding
         n = len(time) - 1
         looked = self._points(time, knots)
         begins, goes_on, ends = _PENALTIES
         if _quicker(looked, coefficient, begins, goes_on, 0, n):
-            return None
+            return None, time, _exceeded(looked, coefficient)
         at_begin, at_end = factors
         starts = _slower(State(motion.speed[0], motion.acceleration[0], motion.jerk[0]), at_begin)
         end = _slower(end, at_end)
         timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
         more = rows_for(State, n + 1), np.zeros((2 * _TOGETHER, 4))
+        # a limit must not fall faster from the given states at the ends than the motion can
+        given = np.minimum(1.0, ((1.0 + np.minimum(np.arange(n), n - 1 - np.arange(n))) / _GIVEN) ** 2)
         tried, new = coefficient.copy(), [(0, n)]
+        failed = nowhere
         for number in range(1, _ROUNDS + 1):
             for first, last in new:
                 if _quicker(looked, tried, goes_on, ends, first, last):
                     if last - first == n:
-                        return None
+                        return None, time, _exceeded(looked, tried)
                     # changing these spans alone is infeasible: optimize all of them
                     tried, new = coefficient.copy(), [(0, n)]
                     if _quicker(looked, tried, goes_on, ends, 0, n):
-                        return None
+                        return None, time, _exceeded(looked, tried)
                     break
             if not spline.in_time(knots, tried, self._begin, starts, end, _TOGETHER, timed, *more):
-                return None  # it moves backwards between the evaluated points
+                return None, time, nowhere  # it moves backwards between the evaluated points
             faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
-                return timed
+                return timed, time, nowhere
             for _, where, _, which, _ in faults:
                 # a jump or a backward motion, which lower limits would not remove
                 if which < -1:
-                    return None
+                    return None, time, nowhere
                 near, behind = np.searchsorted(looked.span, [where - 1, where + 2]).tolist()
                 axis, number_of = divmod(int(which), len(DERIVATIVES))
+                share = 2.0**number * float(given[int(where)])
                 # r is scaled by the limits: enlarging it lowers them at these points
                 if which == -1 or number_of == 0:
-                    looked.most[near:behind] *= 1.0 - 1e-3 * 2.0**number
+                    looked.most[near:behind] *= 1.0 - 1e-3 * share
                 else:
-                    spline.tightened(looked, near, behind, axis, number_of, 1.0 + _TIGHTER * 2.0**number)
-            new = _around(np.asarray(by_field(Broken, faults).interval).astype(int), n)
-        return None
+                    spline.tightened(looked, near, behind, axis, number_of, 1.0 + _TIGHTER * share)
+            failed = np.unique(np.asarray(by_field(Broken, faults).interval).astype(int))
+            new = _around(failed, n)
+        return None, time, failed
 
     def _faults(self, motion: Motion, first: int, last: int) -> np.ndarray:
         """Return the faults, in the form of `faults_of`, in the section affected when the spans from `first` up to but
@@ -245,9 +276,11 @@ class _Path:
         faults = faults_of(self._pieces, _some(motion, first, last), self._limits)
         return faults + Broken(0.0, first, 0.0, 0.0, 0.0)
 
-    def _spline(self, motion: Motion, end: State, spans: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _spline(
+        self, motion: Motion, end: State, spans: int, finer: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return knot times, knots and coefficients of a spline u'²(u) that approximates a motion and matches its
-        states at both ends.
+        states at both ends; `finer` is that of `_tried`.
         """
         n = len(motion.duration)
         spans = min(spans, n)
@@ -260,13 +293,15 @@ class _Path:
         step = np.maximum(step, finest)
         # spans stay as they are: with other knots the snaps of a lifted motion would exceed their limits
         step[:spans] = motion.duration[:spans]
+        step = step / finer
         edge = np.concatenate([step[:1], np.minimum(step[1:], step[:-1]), step[-1:]])
         # the states at the ends fix three coefficients, so that a span must not be longer than the phase it lies in
         edge[0] = min(edge[0], max(_first_phase(motion), _LEAST_SPAN))
         edge[-1] = min(edge[-1], max(_first_phase(motion, -1), _LEAST_SPAN))
         speed, acceleration = np.append(motion.speed, end.speed), np.append(motion.acceleration, end.acceleration)
         edge = np.minimum(edge, _TURNS * speed / np.maximum(np.abs(acceleration), 1e-300))
-        time = np.concatenate([[0.0], np.cumsum(motion.duration[:spans])])
+        kept = finer[:spans]
+        time = np.concatenate([[0.0], np.cumsum(np.repeat(motion.duration[:spans] / kept, kept))])
         if spans < n:
             duration, step, edge = motion.duration[spans:], step[spans:], edge[spans:]
             spline.graded(duration, edge)
@@ -333,6 +368,13 @@ def _quicker(looked: Points, coefficient: np.ndarray, begins: float, ends: float
     m, n = len(part.span), last - first + 3
     room = Room(np.zeros(m), np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4)))
     return spline.quickest(part, coefficient[first : last + 3], begins, ends, _STEPS, room)
+
+
+def _exceeded(looked: Points, coefficient: np.ndarray) -> np.ndarray:
+    """Return the spans at which a spline exceeds a limit, or nearly so if it exceeds none."""
+    share = np.zeros(len(looked.span))
+    spline.uses(looked, coefficient, share)
+    return np.unique(looked.span[share >= min(1.0, float(np.max(share)))])
 
 
 def _some_points(points: Points, first: int, last: int) -> Points:

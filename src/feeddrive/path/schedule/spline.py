@@ -506,6 +506,15 @@ def quickest(points: Points, coefficient: Floats, penalty: float, last: float, s
 
 
 @kernel
+def uses(points: Points, coefficient: Floats, share: Floats) -> int:
+    """Write the largest utilization of a limit at each point into `share`, or 1e300 where u'² is not positive."""
+    for p in range(len(points.span)):
+        z = at(points.row[p], coefficient, points.span[p])
+        share[p] = shares(z, points.r[p], points.most[p], points.looks[p])
+    return 0
+
+
+@kernel
 def tightened(points: Points, first: int, last: int, axis: int, which: int, factor: float) -> int:
     """Lower the acceleration (`which` 1), jerk (2) or snap (3) limit of an axis at the points from `first` up to but
     excluding `last`: multiply its derivatives by `factor`.
