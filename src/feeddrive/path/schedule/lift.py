@@ -507,11 +507,13 @@ def _after(hand: Part, part: Part) -> Part:
 
 def _cut(part: Part, spans: int) -> tuple[Part, Part]:
     """Split a part within its last `spans` spans, about 30 % of their duration before the end, where |u'''| is
-    smallest; return the final part and the part held back.
+    smallest of the knots at which the motion is in the state of the spline; return the final part and the part held
+    back.
     """
     motion, n = part.motion, len(part.motion.duration)
     left = np.cumsum(motion.duration[::-1])[::-1][n - spans :]
-    here = np.flatnonzero((left <= 1.2 * _HELD * left[0]) & (left >= 0.8 * _HELD * left[0]))
+    exact = np.arange(spans) % _TOGETHER == 0
+    here = np.flatnonzero(exact & (left <= 1.2 * _HELD * left[0]) & (left >= 0.8 * _HELD * left[0]))
     k = n - spans + (int(here[np.argmin(np.abs(motion.jerk[n - spans + here]))]) if len(here) else spans // 2)
     p = int(motion.piece[k])
     last = len(part.pieces.length)
