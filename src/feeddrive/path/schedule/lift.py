@@ -33,6 +33,8 @@ from feeddrive.path.schedule.spline import Basis, Points, Rates, Reached, Room, 
 # less reserve fails more proofs and costs more rounds, more reserve costs time of the motion
 SHARES = (1.0 - 1e-4, 0.995, 0.99, 0.98)  # of the limits, at the points: the rest is for the motion between them
 _FINE = 7.0  # number of spans in the duration of half a ramp
+# slow pieces of a path can make ramps over all of it much longer than they are once lifted
+_WIDEST = 0.5  # of a ramp from rest to the top speed on a straight path, in place of half a ramp of the plan
 # half a ramp as a number of time intervals and their share, with limits of jerk and snap, without one of snap, and
 # without both: a ramp then has 6 or 7 intervals, 2 or 3, or 1
 _HALF = ((4, 1.0), (1, 1.0), (1, 0.5))
@@ -122,8 +124,8 @@ class _Path:
         self._pieces, self._limits = pieces, limits
         self._begin = np.concatenate([[0.0], np.cumsum(pieces.length)])
         self._unlimited = int(np.max(np.sum(np.isinf(limits[:, 2:]), axis=1)))  # of jerk and snap
-        self.top = np.zeros(n)
-        spline.tops(pieces, limits, self.top, rows_for(Slopes, axes))
+        self.top, self._from_rest = np.zeros(n), np.zeros(n)
+        spline.tops(pieces, limits, self.top, self._from_rest, rows_for(Slopes, axes))
 
     def gain(self, motion: Motion, first: int, last: int) -> float:
         """Return the largest time that may be saved in a section, s: the result of `ramp_gain` for a ramp, otherwise
@@ -289,6 +291,7 @@ class _Path:
         sums = np.convolve(motion.duration, np.ones(wide), "valid")
         padded = np.concatenate([np.full(wide - 1, np.inf), sums, np.full(wide - 1, np.inf)])
         step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (share / _FINE)
+        step = np.minimum(step, _WIDEST / _FINE * self._from_rest[motion.piece])
         finest = _FINEST * float(np.mean(motion.duration))
         step = np.maximum(step, finest)
         # spans stay as they are: with other knots the snaps of a lifted motion would exceed their limits
