@@ -52,7 +52,7 @@ _ORDERS = 1.0 / np.arange(1, 5)  # a motion that takes f times as long has 1/f .
 _BLENDED = 30  # number of coefficients over which the first spline takes up such a change of speed
 _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
-_STEPS = 40
+_STEPS = 160  # from the slow ramps of some plans it is far to a quick motion
 # a final penalty of 3e-3 would make motions 0.1 % faster and the computation 5 % longer
 _PENALTIES = (0.1, 0.01, 5e-3)  # initially, at the start of each round, and finally
 _ROUNDS = 8  # largest number of proofs

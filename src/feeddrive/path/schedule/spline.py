@@ -32,7 +32,7 @@ _INWARDS = 0.3  # least penalty while a limit is violated
 _NEARER = 0.1  # least part of the distance to a limit that a step must leave
 # a faster fall saves no steps, since these are limited by the boundary and not by the penalty
 _FALL = 0.25  # factor of the penalty per step
-_LONGER = 4  # number of steps relative to that, if none is violated: from a slow motion it is far to a quick one
+_VIOLATED = 40  # number of steps after which one that still violates a limit is the last
 _HALVINGS = 12  # largest number of halvings of a step
 _NOT_FORWARD = 1e300  # share returned where u'² is not positive
 SPEEDS = 1
@@ -454,7 +454,7 @@ def quickest(points: Points, coefficient: Floats, penalty: float, last: float, s
     tightened with each step.  If u'² is not initially positive everywhere, nothing is changed and the result is 1.
 
     penalty  initial μ; it is reduced stepwise down to `last`
-    steps    largest number of steps while a limit is violated
+    steps    largest number of steps, of which no more than `_VIOLATED` may violate a limit
     """
     share = room.share
     loose = room.loose
@@ -465,13 +465,13 @@ def quickest(points: Points, coefficient: Floats, penalty: float, last: float, s
         share[p] = shares(z, points.r[p], points.most[p], points.looks[p])
         if share[p] >= _NOT_FORWARD:
             return 1
-    for number in range(_LONGER * steps):
+    for number in range(steps):
         above = 0
         for p in range(len(points.span)):
             loose[p] = 1.0 if share[p] < _TOUCHES else _LOOSE * share[p]
             if share[p] >= 1.0:
                 above = above + 1
-        if above > 0 and number >= steps:
+        if above > 0 and number >= _VIOLATED:
             break
         # violated limits first: with a small penalty the step would go for time and leave them violated
         if above > 0:
