@@ -19,6 +19,7 @@ _SPANS = 24  # least number of spans
 _MOST = 96  # largest one
 _A_PHASE = 1.0  # number of spans in the time j/s of the axes
 _HARD = 1.4  # ratio of T and the time on a straight path, above which spans are half as long
+_FAILED = 2  # number of failed proofs after which spans are half as long
 _FINER = 1.25  # smallest factor by which their number grows with T
 _PARTS = (0.0, 0.5, 1.0)  # of a span: the points; there are more where the proof fails
 _AIM = 0.996  # utilization of the limits there
@@ -225,6 +226,11 @@ def _shape(motion: Motion, n: int, T: float, unit: float) -> np.ndarray:
     return np.diff(changes) * n / T * ratio * ratio / unit
 
 
+def _points(n: int) -> list[tuple[int, float]]:
+    """Return the points of n spans: span, and part of it."""
+    return [(k, part) for k in range(n) for part in _PARTS]
+
+
 def _regridded(snaps: np.ndarray, n: int) -> np.ndarray:
     """Return the mean snap on each of n spans of the same time."""
     changes = np.concatenate([[0.0], np.cumsum(snaps)]) / len(snaps)
@@ -259,7 +265,7 @@ def quickest_stop(
         n = int((2.0 if hard else 1.0) * _A_PHASE * lasts / np.max(jerk / snap))
         n = min(max(_SPANS, n), _MOST)
         if n > _FINER * len(aims):
-            aims, points = np.full((n, *limits.shape), _AIM), [(k, part) for k in range(n) for part in _PARTS]
+            aims, points = np.full((n, *limits.shape), _AIM), _points(n)
             snaps = _regridded(snaps, n) if len(snaps) else _shape(straight, n, lasts, unit)
         _, snaps, use = at(lasts, snaps)
         if use <= 1.0:
@@ -275,15 +281,21 @@ def quickest_stop(
             lasts, snaps = middle, found
         else:
             low = middle
+    failed = 0
     for _ in range(_ROUNDS):
         if longest <= lasts:
             break
+        if failed == _FAILED and 2 * len(aims) <= _MOST:
+            # the path turns within spans: more points in them would only make the stop longer
+            failed, n = 0, 2 * len(aims)
+            aims, points, snaps = np.full((n, *limits.shape), _AIM), _points(n), _regridded(snaps, n)
         tried, snaps, use = at(lasts, snaps)
         if use <= 1.0:
             motion = tried.motion(snaps)
             faults = faults_of(pieces, motion, limits)
             if not len(faults):
                 return motion
+            failed += 1
             for _, where, t, which, _ in faults:
                 if which < -1:  # a jump or a backward motion, which lower limits would not remove
                     return known
