@@ -19,7 +19,6 @@ _SPANS = 24  # least number of spans
 _MOST = 96  # largest one
 _A_PHASE = 1.0  # number of spans in the time j/s of the axes
 _HARD = 1.4  # ratio of T and the time on a straight path, above which spans are half as long
-_FAILED = 2  # number of failed proofs after which spans are half as long
 _FINER = 1.25  # smallest factor by which their number grows with T
 _PARTS = (0.0, 0.5, 1.0)  # of a span: the points; there are more where the proof fails
 _AIM = 0.996  # utilization of the limits there
@@ -281,13 +280,13 @@ def quickest_stop(
             lasts, snaps = middle, found
         else:
             low = middle
-    failed = 0
+    failed = False
     for _ in range(_ROUNDS):
         if longest <= lasts:
             break
-        if failed == _FAILED and 2 * len(aims) <= _MOST:
+        if failed and 2 * len(aims) <= _MOST:
             # the path turns within spans: more points in them would only make the stop longer
-            failed, n = 0, 2 * len(aims)
+            n = 2 * len(aims)
             aims, points, snaps = np.full((n, *limits.shape), _AIM), _points(n), _regridded(snaps, n)
         tried, snaps, use = at(lasts, snaps)
         if use <= 1.0:
@@ -295,7 +294,7 @@ def quickest_stop(
             faults = faults_of(pieces, motion, limits)
             if not len(faults):
                 return motion
-            failed += 1
+            failed = True
             for _, where, t, which, _ in faults:
                 if which < -1:  # a jump or a backward motion, which lower limits would not remove
                     return known
