@@ -43,13 +43,14 @@ _AT_ENDS = Limits(0.97, 0.97, 0.97, 0.998)  # usable shares of the limits of vel
 _BLENDED = 30  # number of coefficients over which the first spline takes up such a change of speed
 _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
-_STEPS = 40
+_STEPS = 160  # from the slow ramps of some plans it is far to a quick motion
 _FIRST = 0.1  # initial penalty
-# final penalties: the second one, if no motion is proven with the first, leaves more of the limits between the points
-_NEAREST, _FARTHER = 3e-3, 0.02
+_NEAREST = 3e-3  # final penalty
 _AGAIN = (0.01, 5e-3)  # the same where a proof has failed: nearer to the limits it would fail again
 _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
+_GIVEN = 8.0  # number of spans from a given state at an end over which the reduction grows to that
+_REFINED = 3  # largest number of times that a section is tried, each time with spans half as long where it failed
 _ASIDE = 32  # number of spans on either side of such a point that are optimized again
 # a lifted motion ends in a node of the plan; lifted again with the next part, it need not have u'' = u''' = 0 there
 _HELD = 0.3  # of the duration of the lifted motion is held back for the next part
@@ -115,8 +116,8 @@ class _Path:
         self._pieces, self._limits = pieces, limits
         self._begin = np.concatenate([[0.0], np.cumsum(pieces.length)])
         self._unlimited = int(np.max(np.sum(np.isinf(limits[:, 2:]), axis=1)))  # of jerk and snap
-        self.top = np.zeros(n)
-        spline.tops(pieces, limits, self.top, rows_for(Slopes, axes))
+        self.top, self._from_rest = np.zeros(n), np.zeros(n)
+        spline.tops(pieces, limits, self.top, self._from_rest, rows_for(Slopes, axes))
 
     def gain(self, motion: Motion, first: int, last: int) -> float:
         """Return the largest time that may be saved in a section, s: the result of `ramp_gain` for a ramp, otherwise
@@ -176,28 +177,47 @@ class _Path:
         """Return a proven motion between the same states, or None, for a motion that is at rest at neither end; `end`
         is u' .. u''' at its end.
 
-        Both states are those of a motion that takes longer by one of the two factors.
+        Both states are those of a motion that takes longer by one of the two factors.  Where it fails, spans are
+        halved.
         """
-        made = self._spline(motion, end, spans, factors)
-        if made is None:
-            return None  # time intervals without motion except for rounding
-        at_begin, at_end = factors
-        starts = _slower(State(motion.speed[0], motion.acceleration[0], motion.jerk[0]), at_begin)
-        return self._proven(made, starts, _slower(end, at_end), _NEAREST) or self._proven(
-            made, starts, _slower(end, at_end), _FARTHER
-        )
+        finer = np.ones(len(motion.duration), np.int64)
+        for _ in range(_REFINED):
+            lifted, time, failed = self._tried(motion, end, spans, factors, finer)
+            if lifted is not None or not len(failed):
+                return lifted
+            edges = np.concatenate([[0.0], np.cumsum(motion.duration)])
+            first = np.searchsorted(edges, time[np.maximum(failed - 1, 0)], side="right") - 1
+            last = np.searchsorted(edges, time[np.minimum(failed + 2, len(time) - 1)])
+            of_failed = np.zeros(len(finer), bool)
+            for one, two in zip(first.tolist(), last.tolist(), strict=True):
+                of_failed[one:two] = True
+            finer[of_failed] *= 2
+        return None
 
-    def _proven(
-        self, made: tuple[np.ndarray, np.ndarray, np.ndarray], starts: State, end: State, penalty: float
-    ) -> Motion | None:
-        """Return the proven motion of a spline in the form of `_spline`, optimized down to a penalty, or None."""
-        time, knots, begun = made
-        n, coefficient = len(time) - 1, begun.copy()
+    def _tried(
+        self, motion: Motion, end: State, spans: int, factors: Sequence[float], finer: np.ndarray
+    ) -> tuple[Motion | None, np.ndarray, np.ndarray]:
+        """Return a motion as `_between` does, the times of the knots in the given one, and the spans at which limits
+        cannot be kept if there is none.
+
+        finer  factor by which spans are shorter in each time interval, shape (m,)
+        """
+        nowhere = np.zeros(0, np.int64)
+        time, knots, coefficient, moves = self._spline(motion, end, spans, factors, finer)
+        if not moves:
+            return None, time, nowhere  # time intervals without motion except for rounding
+        n = len(time) - 1
         looked = self._points(time, knots)
         rows = rows_for(Basis, n)
         spline.rows_at_knots(knots, rows)
-        if _quicker(looked, rows, coefficient, _FIRST, penalty, 0, n):
-            return None
+        if _quicker(looked, rows, coefficient, _FIRST, _NEAREST, 0, n):
+            return None, time, _exceeded(looked, rows, coefficient)
+        at_begin, at_end = factors
+        starts = _slower(State(motion.speed[0], motion.acceleration[0], motion.jerk[0]), at_begin)
+        end = _slower(end, at_end)
+        # a limit must not fall faster from the given states at the ends than the motion can
+        given = np.minimum(1.0, ((1.0 + np.minimum(np.arange(n), n - 1 - np.arange(n))) / _GIVEN) ** 2)
+        failed = nowhere
         timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
         more = rows_for(State, n + 1), np.zeros((2 * _TOGETHER, 4))
         tried, new = coefficient.copy(), [(0, n)]
@@ -205,30 +225,32 @@ class _Path:
             for first, last in new if number > 1 else ():
                 if _quicker(looked, rows, tried, *_AGAIN, first, last):
                     if last - first == n:
-                        return None
+                        return None, time, _exceeded(looked, rows, tried)
                     # changing these spans alone is infeasible: optimize all of them
                     tried, new = coefficient.copy(), [(0, n)]
                     if _quicker(looked, rows, tried, *_AGAIN, 0, n):
-                        return None
+                        return None, time, _exceeded(looked, rows, tried)
                     break
             if not spline.in_time(knots, tried, self._begin, starts, end, _TOGETHER, timed, *more):
-                return None  # it moves backwards between the evaluated points
+                return None, time, nowhere  # it moves backwards between the evaluated points
             faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
-                return timed
+                return timed, time, nowhere
             for _, where, _, which, _ in faults:
                 # a jump or a backward motion, which lower limits would not remove
                 if which < -1:
-                    return None
+                    return None, time, nowhere
                 near, behind = np.searchsorted(looked.span, [where - 1, where + 2]).tolist()
                 axis, number_of = divmod(int(which), len(DERIVATIVES))
+                share = 2.0**number * float(given[int(where)])
                 # r is scaled by the limits: enlarging it lowers them at these points
                 if which == -1 or number_of == 0:
-                    looked.most[near:behind] *= 1.0 - 1e-3 * 2.0**number
+                    looked.most[near:behind] *= 1.0 - 1e-3 * share
                 else:
-                    spline.tightened(looked, near, behind, axis, number_of, 1.0 + _TIGHTER * 2.0**number)
-            new = _around(np.asarray(by_field(Broken, faults).interval).astype(int), n)
-        return None
+                    spline.tightened(looked, near, behind, axis, number_of, 1.0 + _TIGHTER * share)
+            failed = np.unique(np.asarray(by_field(Broken, faults).interval).astype(int))
+            new = _around(failed, n)
+        return None, time, failed
 
     def _faults(self, motion: Motion, first: int, last: int) -> np.ndarray:
         """Return the faults, in the form of `faults_of`, in the section affected when the spans from `first` up to but
@@ -240,27 +262,29 @@ class _Path:
         return faults + Broken(0.0, first, 0.0, 0.0, 0.0)
 
     def _spline(
-        self, motion: Motion, end: State, spans: int, factors: Sequence[float]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        self, motion: Motion, end: State, spans: int, factors: Sequence[float], finer: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
         """Return knot times, knots and coefficients of a spline u'²(u) that approximates a motion and has the states at
-        both ends, as for `_between`; None if it does not move.
+        both ends, as for `_between`, with `finer` as for `_tried`; False if it does not move between two knots.
         """
         n = len(motion.duration)
+        spans = min(spans, n)
         wide, share = _HALF[self._unlimited]
         step, edge = np.zeros(n), np.zeros(n + 1)
-        size = spline.spacing(motion, end, spans, min(wide, n), share, step, edge)
-        time = np.zeros(size)
-        time = time[: spline.instants(motion.duration, step, edge, time)]
+        phases = _first_phase(motion), _first_phase(motion, -1)
+        spline.spacing(motion, end, spans, min(wide, n), share, self._from_rest, finer, *phases, step, edge)
+        kept = finer[:spans]
+        time = np.concatenate([[0.0], np.cumsum(np.repeat(motion.duration[:spans] / kept, kept))])
+        if spans < n:
+            lasting, step, edge = motion.duration[spans:], step[spans:], edge[spans:]
+            behind = np.zeros(spline.graded_room(lasting, step, edge))
+            behind = behind[: spline.instants(lasting, step, edge, behind)]
+            time = np.concatenate([time[:-1], time[-1] + behind])
         m = len(time)
-        knots, coefficient = np.zeros(m + 6), np.zeros(m + 2)
+        knots, coefficient, room = np.zeros(m + 6), np.zeros(m + 2), rows_for(Reached, m)
         blended = min(_BLENDED, (m - 4) // 2)
-        room = rows_for(Reached, m)
-        at_begin, at_end = factors
-        if not spline.approximation(
-            motion, self._begin, time, end, at_begin, at_end, blended, room, knots, coefficient
-        ):
-            return None
-        return time, knots, coefficient
+        moves = spline.approximation(motion, self._begin, time, end, *factors, blended, room, knots, coefficient)
+        return time, knots, coefficient, moves
 
     def _points(self, time: np.ndarray, knots: np.ndarray) -> Points:
         pieces, axes = self._pieces, len(self._limits)
@@ -299,6 +323,13 @@ def _quicker(
     return spline.quickest(
         part, rows[first:last], coefficient[first : last + 3], begins, ends, _STEPS, _room(m, n, axes)
     )
+
+
+def _exceeded(looked: Points, rows: np.ndarray, coefficient: np.ndarray) -> np.ndarray:
+    """Return the spans at which a spline exceeds a limit, or nearly so if it exceeds none."""
+    share = np.zeros(len(looked.span))
+    spline.utilization(looked, rows, coefficient, share)
+    return np.unique(looked.span[share >= min(1.0, float(np.max(share)))])
 
 
 def _room(m: int, n: int, axes: int) -> Room:
@@ -376,6 +407,15 @@ def _rests(motion: Motion) -> np.ndarray:
     return slow
 
 
+def _first_phase(motion: Motion, sense: int = 1) -> float:
+    """Return the duration of the first (`sense` 1) or last (-1) time interval, s, or that of its neighbor if it is a
+    plateau shorter than that, as ramps may leave plateaus of the size of their error.
+    """
+    duration, acceleration, jerk, snap = (column[::sense] for column in (motion.duration, *motion[4:]))
+    flat = acceleration[0] == 0.0 and jerk[0] == 0.0 and snap[0] == 0.0
+    return float(np.max(duration[: 2 if flat else 1]))
+
+
 def _some(motion: Motion, first: int, last: int) -> Motion:
     return Motion._make([column[first:last] for column in motion])
 
@@ -428,11 +468,13 @@ def _after(hand: Part, part: Part) -> Part:
 
 def _cut(part: Part, spans: int) -> tuple[Part, Part]:
     """Split a part within its last `spans` spans, about 30 % of their duration before the end, where |u'''| is
-    smallest; return the final part and the part held back.
+    smallest of the knots at which the motion is in the state of the spline; return the final part and the part held
+    back.
     """
     motion, n = part.motion, len(part.motion.duration)
     left = np.cumsum(motion.duration[::-1])[::-1][n - spans :]
-    here = np.flatnonzero((left <= 1.2 * _HELD * left[0]) & (left >= 0.8 * _HELD * left[0]))
+    exact = np.arange(spans) % _TOGETHER == 0
+    here = np.flatnonzero(exact & (left <= 1.2 * _HELD * left[0]) & (left >= 0.8 * _HELD * left[0]))
     k = n - spans + (int(here[np.argmin(np.abs(motion.jerk[n - spans + here]))]) if len(here) else spans // 2)
     p = int(motion.piece[k])
     last = len(part.pieces.length)

@@ -479,9 +479,7 @@ def _slow_piece(path: Path, now: Stretch, free: Stretch, p: int) -> tuple[bool, 
     split = False
     left = now
     right = now
-    for _ in range(_TRIES):
-        if p < 0 or split:
-            break
+    while p >= 0 and not split:
         split, left, right = _split(path, now, p, path.caps[p].plateau)
         p = too_fast(path, free, path.caps[p].plateau)
     return split, left, right

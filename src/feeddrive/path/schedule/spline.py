@@ -26,7 +26,7 @@ from typing import NamedTuple
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records, Records2, zeros
 from feeddrive.path.motion import Derivatives, Limits, Motion, Piece, Pieces, cubic, derivatives, interval_of, way
-from feeddrive.path.schedule.ramp import Bounds, Slopes, bounds, boxcars, cube_root, speed_cap
+from feeddrive.path.schedule.ramp import Bounds, Slopes, bounds, boxcars, cube_root, duration, speed_cap, straight
 
 _LOOSE = 1.03  # relaxed limit at a violating point, relative to its present share
 _TOUCHES = 1.0 - 1e-6  # larger shares are treated as violations: the penalty would be too steep
@@ -40,6 +40,7 @@ _FALL = 0.25  # factor of the penalty per step
 _LEFT = 0.5  # of the penalty: largest time still to be gained, relative to the whole, before the penalty is lowered
 _PATIENCE = 8  # number of steps in which the worst violation may stay above 0.98 of the least so far
 _PROGRESS = 0.98
+_VIOLATED = 40  # number of steps after which one that still violates a limit is the last
 _HALVINGS = 12  # largest number of halvings of a step
 _NOT_FORWARD = 1e300  # share returned where u'² is not positive
 SPEEDS = 1
@@ -651,6 +652,7 @@ def quickest(
     tightened with each step.  If u'² is not initially positive everywhere, nothing is changed and the result is 1.
 
     penalty  initial μ; it is reduced stepwise down to `last`
+    steps    largest number of steps, of which no more than `_VIOLATED` may violate a limit
     """
     share = room.share
     loose = room.loose
@@ -673,6 +675,8 @@ def quickest(
             worst = max(worst, share[p])
             if share[p] >= 1.0:
                 above = above + 1
+        if above > 0 and again >= _VIOLATED:
+            break
         if above > 0:
             if worst > _PROGRESS * least:
                 waited = waited + 1
@@ -726,6 +730,16 @@ def quickest(
 
 
 @kernel
+def utilization(points: Points, rows: Records[Basis], coefficient: Floats, share: Floats) -> int:
+    """Write the largest utilization of a limit at each point into `share`, or 1e300 where u'² is not positive."""
+    for p in range(len(points.span)):
+        k = points.span[p]
+        z = shifted(at(rows[k], coefficient, k), points.place[p])
+        share[p] = shares(z, points.r[p], points.most[p], points.looks[p])
+    return 0
+
+
+@kernel
 def tightened(points: Points, first: int, last: int, axis: int, which: int, factor: float) -> int:
     """Lower the acceleration (`which` 1), jerk (2) or snap (3) limit of an axis at the points from `first` up to but
     excluding `last`: multiply its derivatives by `factor`.
@@ -751,14 +765,17 @@ _SIMPSON = 1.0 / 6.0  # weight of either end of a span in its time; the middle h
 
 
 @kernel
-def tops(pieces: Pieces, limits: Records[Limits], out: Floats, most: Records[Slopes]) -> int:
-    """Write the largest u' allowed by feed and velocity limits on each piece into `out`.
+def tops(pieces: Pieces, limits: Records[Limits], out: Floats, ramps: Floats, most: Records[Slopes]) -> int:
+    """Write the largest u' allowed by feed and velocity limits on each piece into `out`, and the duration, s, of a ramp
+    from rest to it on a straight path into `ramps`.
 
     `most` is workspace for each axis.
     """
     for p in range(len(pieces.length)):
         norm = bounds(Piece(pieces.kind[p], pieces.length[p], pieces.shape[p]), most)
         out[p] = speed_cap(most, norm, pieces.feed[p], limits, 1e30)
+        a, j, s = straight(most, limits)
+        ramps[p] = duration(boxcars(out[p], a, j, s))
     return 0
 
 
@@ -890,6 +907,8 @@ def states(motion: Motion, begin: Floats, time: Floats, out: Records[Reached]) -
 
 
 _FINE = 7.0  # number of spans in the duration of half a ramp
+# slow pieces of a path can make ramps over all of it much longer than they are once lifted
+_WIDEST = 0.5  # of a ramp from rest to the top speed on a straight path, in place of half a ramp of the plan
 # some time intervals exist only due to rounding: their length must not set that of the spans
 _FINEST = 0.02  # of the mean duration of time intervals
 _LEAST_SPAN = 1e-9  # s: a first phase of the duration of rounding must not set the first span
@@ -898,40 +917,63 @@ _TURNS = 0.15  # largest duration of a span relative to u'/|u''|
 
 
 @kernel
-def spacing(motion: Motion, end: State, spans: int, wide: int, share: float, step: Floats, edge: Floats) -> int:
-    """Write the durations of spans, s: `step` within each time interval and `edge` at their ends; return a bound on the
-    number of knots.
+def spacing(
+    motion: Motion,
+    end: State,
+    spans: int,
+    wide: int,
+    share: float,
+    ramps: Floats,
+    finer: Ints,
+    first: float,
+    last: float,
+    step: Floats,
+    edge: Floats,
+) -> int:
+    """Write the durations of spans, s: `step` within each time interval and `edge` at their ends.
 
     end          the state at the end
     spans        number of time intervals at the start that are spans of an earlier spline
     wide, share  half a ramp lasts as long as `share` of that many time intervals
+    ramps        duration of a ramp from rest to the top speed on each piece, if it were straight, s
+    finer        factor by which spans are shorter in each time interval
+    first, last  durations of the first and of the last phase, s
     """
-    duration = motion.duration
-    n = len(duration)
+    lasting = motion.duration
+    n = len(lasting)
     mean = 0.0
     for m in range(n):
-        mean = mean + duration[m] / float(n)
+        mean = mean + lasting[m] / float(n)
     for m in range(n):
         least = 1e300
-        for first in range(max(m - wide + 1, 0), min(m, n - wide) + 1):
+        for begin in range(max(m - wide + 1, 0), min(m, n - wide) + 1):
             lasts = 0.0
-            for k in range(first, first + wide):
-                lasts = lasts + duration[k]
+            for k in range(begin, begin + wide):
+                lasts = lasts + lasting[k]
             least = min(least, lasts)
-        step[m] = max(duration[m] if m < spans else least * share / _FINE, _FINEST * mean)
+        h = min(least * share / _FINE, _WIDEST / _FINE * ramps[int(motion.piece[m])])
+        # spans stay as they are: with other knots the snaps of a lifted motion would exceed their limits
+        step[m] = (lasting[m] if m < spans else max(h, _FINEST * mean)) / float(finer[m])
     for m in range(n + 1):
-        last = m == n
         h = min(step[min(m, n - 1)], step[max(m - 1, 0)])
         # the states at the ends fix three coefficients: a span there must not be longer than the phase it lies in
-        if (m == 0 and spans == 0) or last:
-            h = min(h, max(duration[n - 1 if last else 0], _LEAST_SPAN))
-        speed = end.speed if last else motion.speed[m]
-        acceleration = end.acceleration if last else motion.acceleration[m]
+        if m == 0:
+            h = min(h, max(first, _LEAST_SPAN))
+        if m == n:
+            h = min(h, max(last, _LEAST_SPAN))
+        speed = end.speed if m == n else motion.speed[m]
+        acceleration = end.acceleration if m == n else motion.acceleration[m]
         edge[m] = min(h, _TURNS * speed / max(abs(acceleration), 1e-300))
-    graded(duration, edge)
+    return 0
+
+
+@kernel
+def graded_room(lasting: Floats, step: Floats, edge: Floats) -> int:
+    """Grade the durations of spans at the ends of time intervals, and return a bound on the number of knots."""
+    graded(lasting, edge)
     size = 2.0
-    for m in range(n):
-        size = size + 2.0 + (1.0 + GRADE) * duration[m] / min(step[m], min(edge[m], edge[m + 1]))
+    for m in range(len(lasting)):
+        size = size + 2.0 + (1.0 + GRADE) * lasting[m] / min(step[m], min(edge[m], edge[m + 1]))
     return int(size)
 
 
