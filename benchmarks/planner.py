@@ -1,8 +1,9 @@
 """Part programs to proven setpoints: lines a minute, memory, the first call.
 
-    python benchmarks/planner.py [--blocks 100000] [--memory] [--first]
+    python benchmarks/planner.py [--blocks 100000] [--file PATH] [--memory] [--first]
 
 Programs of chords: a curve with chords of 50 µm and of 1 mm, zigzags with corners of 20 degrees, arcs with short lines.
+`--file` takes a part program instead, repeated to 5,000 lines.
 `--memory` reads a program of a million lines from a file, and says how memory grows from its first ten thousand on.
 `--first` is the first plan in a fresh process, without machine code on disk and with it.
 """
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -85,6 +87,17 @@ def mixed(count: int, tolerance: float, feed: float) -> Iterator[Move]:
             start, k = end, k + 1
 
 
+def repeated(path: Path, count: int) -> list[Move]:
+    """The moves of a program that is repeated until it has at least `count`."""
+    text = re.sub(r"(?i)\b(M0?2|M30)\b|%", "", path.read_text(encoding="utf-8"))
+    with tempfile.TemporaryDirectory() as folder:
+        long = Path(folder) / path.name
+        long.write_text(text, encoding="utf-8")
+        once = len(list(read_program(long, front_end="own")))
+        long.write_text(text * -(-count // once) + "\nM2\n", encoding="utf-8")
+        return list(read_program(long, front_end="own"))
+
+
 def resident() -> float:
     """Memory of this process, MB."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1e6
@@ -92,8 +105,8 @@ def resident() -> float:
 
 def speed(name: str, given: list[Move]) -> None:
     """A row: lines a minute of processor time, planned and proven."""
-    count = len(given) - 2
-    list(planned(given[:400], "XYZ", LIMITS))  # the first call compiles
+    count = len(given)
+    list(planned(given[:2000], "XYZ", LIMITS))  # the first call compiles
     begun = time.process_time()
     found = list(planned(given, "XYZ", LIMITS))
     planning = time.process_time() - begun
@@ -165,6 +178,7 @@ def child() -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("--blocks", type=int, default=100_000)
+    parser.add_argument("--file", type=Path)
     parser.add_argument("--memory", action="store_true")
     parser.add_argument("--first", action="store_true")
     parser.add_argument("--child", action="store_true")
@@ -175,6 +189,8 @@ if __name__ == "__main__":
         memory(max(asked.blocks, 10 * EVERY))
     elif asked.first:
         first()
+    elif asked.file:
+        speed(f"{asked.file.name}, repeated", repeated(asked.file, 5000))
     else:
         print("| lines | planned a minute | and proven |\n|---|--:|--:|")
         n = asked.blocks
