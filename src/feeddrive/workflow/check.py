@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.certificate import travel_check
+from feeddrive.certificate import box_check, travel_check
 from feeddrive.certificate.certificate import control_of, matrices
 from feeddrive.certificate.certify import CLAIM, OUTSIDE, THEOREM, THEOREM_OF_TWO_RATES
 from feeddrive.certificate.check import MOST_BYTES, checked
@@ -48,7 +48,7 @@ _SHOWN = 12  # digits of a digest that identify a file for a reader
 class CheckRequest(Request):
     """The certificate to check, and the files that may belong to it."""
 
-    file: Path = argument("A certificate, or a proof along a travel (JSON)")
+    file: Path = argument("A certificate, or a proof along a travel or over a box (JSON)")
     machine: MachineLike | None = option("machine file of the certificate and of --export", short="-m", default=None)
     export: Path | None = option("the directory that `feeddrive export` wrote", default=None)
     source: tuple[Path, ...] = option(
@@ -82,13 +82,13 @@ def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
     if request.verified is not None and request.export is None:
         raise ParameterError("--verified is the verification of an export: give its directory as --export DIR")
     progress.step(f"checking {request.file}")
-    along_travel = _is_along_travel(request.file)
-    if along_travel and request.machine is not None:
+    other = _other_proof(request.file)
+    if other is not None and request.machine is not None:
         raise ParameterError(
-            "--machine is compared with a certificate, and this is a proof along a travel: leave it out; the digests "
-            "of its machine files stand in the file"
+            f"--machine is compared with a certificate, and this is a {other}: leave it out; the digest of its machine "
+            "file stands in the file"
         )
-    lines, proven = (travel_check.checked if along_travel else checked)(str(request.file))
+    lines, proven = (checked if other is None else _OTHERS[other])(str(request.file))
     if request.machine is None:
         return Outcome(proven, lines, judgment=Judgment.PROVEN if proven else Judgment.NOT_PROVEN)
     machine = read_machine(request.machine)
@@ -112,10 +112,16 @@ def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
     return Outcome(True, [*lines, table], remarks, verdict, judgment=Judgment.TOGETHER)
 
 
-def _is_along_travel(file: Path) -> bool:
-    """Return True for a file of `feeddrive travel --certify`, which another checker checks."""
+# proofs that another checker checks, by what they are
+_OTHERS = {"proof along a travel": travel_check.checked, "proof over a box": box_check.checked}
+_FORMATS = {travel_check.FORMAT: "proof along a travel", box_check.FORMAT: "proof over a box"}
+
+
+def _other_proof(file: Path) -> str | None:
+    """Return what a file of `feeddrive travel --certify` or `feeddrive certify --box` is; None for a certificate."""
     with file.open("rb") as opened:
-        return travel_check.FORMAT.encode() in opened.read(_HEAD)
+        head = opened.read(_HEAD)
+    return next((name for form, name in _FORMATS.items() if form.encode() in head), None)
 
 
 def _document(file: Path) -> Mapping[str, Any]:
