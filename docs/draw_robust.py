@@ -56,13 +56,14 @@ def row(law: Competitor, model: Comparison, box: Comparison, snap: Figure) -> st
 def gain(law: Competitor | None, plain: Competitor, *, worst: bool) -> tuple[float, float] | None:
     """How many times a law is better than P-PI in tracking and in stiffness at 10 Hz; None without a place.
 
-    Stiffness is that at the worst plant if `worst`.  Tracking is that of the model: at other plants it is run at two
-    only, which differ from law to law.
+    Both are those at the worst plant if `worst`: tracking at the same plants for all laws.
     """
     if law is None or law.unplaced or plain.unplaced:
         return None
-    errors = [each.figures.get(TRACKING) for each in (law, plain)]
-    stiffness = [(each.worst if worst else each.figures).get(STIFFNESS_AT[0].key) for each in (law, plain)]
+    errors, stiffness = (
+        [(each.worst if worst else each.figures).get(key) for each in (law, plain)]
+        for key in (TRACKING, STIFFNESS_AT[0].key)
+    )
     values = [float(value) for value in (*errors, *stiffness) if value]
     return (values[1] / values[0], values[2] / values[3]) if len(values) == 4 and np.isfinite(values).all() else None
 
@@ -95,9 +96,7 @@ def remaining(model: Comparison, over: Comparison) -> Chart:
         low=0.85 * float(np.min(y)),
         high=1.15 * float(np.max(y)),
     )
-    label = (
-        "tracking (times better than P-PI); dots: equal robustness over the box, lines: from that at the model alone"
-    )
+    label = "tracking, worst plant (times better than P-PI); dots: limits and figures over the box, lines: from the model"
     return Chart(label, (panel,), LOG, 0.6 * float(np.min(x)), 2.0 * float(np.max(x)), height=6.4)
 
 

@@ -67,8 +67,8 @@ def motor() -> Document:
 
 @pytest.fixture(scope="module")
 def table() -> Document:
-    """Two masses and a spring, two readings, a current loop, part of a sample of dead time, and one sample more."""
-    return written(two_masses(), Box(0.2, 0.3, 1), None)
+    """Two masses and a spring, each of them halved; two readings, a current loop, part of a sample of dead time."""
+    return written(two_masses(), Box(0.1, 0.1, 0), 1.8)
 
 
 def signed(content: Document) -> Document:
@@ -77,8 +77,9 @@ def signed(content: Document) -> Document:
 
 def test_a_file_of_a_proof_is_accepted(table: Document) -> None:
     sentences = box_check.verified(table)
-    assert sentences[0].startswith("stable at every plant: mass_motor 28.0 to 52.0; mass_load ")
-    assert sentences[0].endswith("stiffness 40000000.0 to 60000000.0; 0 to 1 more samples of dead time")
+    assert sentences[0].startswith("stable and Ms <= 1.8 at every plant: mass_motor 36.0 to 44.0; mass_load 81.0 to ")
+    assert sentences[0].endswith("stiffness 45000000.0 to 55000000.0; 0 to 0 more samples of dead time")
+    assert {-1, -2, -3, -4} == {code for tree in table["trees"] for code in tree if code < 0}
 
 
 def test_a_copy_of_the_checker_alone_proves_a_file(motor: Document, tmp_path: Path) -> None:

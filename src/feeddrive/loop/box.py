@@ -23,6 +23,7 @@ _STIFFNESS = {"N/m": 1.0, "Hz": 0.5}
 _DEVIATIONS = 2  # standard errors of `identified`: 95 % of a normal error
 AUTO = "auto"  # the box of an identification, if its standard errors are known, and else the standard box
 BOXES = (AUTO, "standard", "identified", "none")  # boxes by a word
+_TOGETHER = tuple(product((-1.0, 1.0), repeat=2))  # ends of all masses, and of all stiffnesses
 _CORNERS = 64  # of a box whose corners are all examined; of a larger one this many
 _EDGES = 256  # largest number of edges whose middles are examined
 
@@ -272,6 +273,16 @@ class Box:
         for late, place in product(lates, places):
             yield Corner(place, late)
 
+    def together(self, axis: Axis) -> Iterator[Corner]:
+        """Yield the corners at which all masses are at one end, all stiffnesses at one end, each with both dead times.
+
+        At most eight plants, which depend on no control.
+        """
+        mass = [d.unit in _MASS for d in self.dimensions(axis)]
+        places = dict.fromkeys(tuple(m if is_mass else k for is_mass in mass) for m, k in _TOGETHER)
+        for late, place in product(sorted({0, self.dead_time}), places):
+            yield Corner(place, late)
+
     def edges(self, axis: Axis) -> Iterator[Corner]:
         """Yield the middles of the edges between the corners of `corners`, at most 256."""
         middles = (
@@ -334,7 +345,7 @@ def _signed(axis: Axis, path: str) -> bool:
 def _some_corners(mass: Sequence[bool], count: int) -> list[tuple[float, ...]]:
     """Return `count` corners: `mass` is True for the dimensions that are masses."""
     places: dict[tuple[float, ...], None] = {}
-    blocks = [tuple(m if is_mass else k for is_mass in mass) for m, k in product((-1.0, 1.0), repeat=2)]
+    blocks = [tuple(m if is_mass else k for is_mass in mass) for m, k in _TOGETHER]
     places.update(dict.fromkeys(blocks))
     flipped = (tuple(-u if i == j else u for j, u in enumerate(block)) for i in range(len(mass)) for block in blocks)
     places.update(dict.fromkeys(flipped))
