@@ -135,6 +135,20 @@ def test_all_corners_up_to_64_and_of_more_those_around_the_blocks(screw: Loop) -
     assert {Corner(block, late) for block in blocks for late in (0, 1)} <= set(many)
 
 
+def test_plants_common_to_all_laws_are_corners_of_the_box(screw: Loop) -> None:
+    """Eight with masses, stiffnesses and dead time, and fewer where one of them does not spread."""
+    found = list(Box().together(screw.axis))
+    assert len(found) == len(set(found)) == 8
+    assert set(found) <= set(Box().corners(screw.axis))
+    masses = [d.unit == "kg" for d in Box().dimensions(screw.axis)]
+    for corner in found:
+        for kind in (True, False):
+            assert len({u for u, is_mass in zip(corner.place, masses, strict=True) if is_mass is kind}) == 1
+    assert [len(list(box.together(screw.axis))) for box in (Box(dead_time=0), Box(0.0, 0.3, 1), Box(0.0, 0.0, 1))] == [
+        4, 4, 2,
+    ]  # fmt: skip
+
+
 def test_the_middle_of_every_edge_is_examined(screw: Loop) -> None:
     """Five parameters have 5 · 2⁴ edges, at both dead times."""
     edges = list(Box().edges(screw.axis))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
+from feeddrive.certificate import box_check
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.table import Table
@@ -161,6 +162,8 @@ def test_a_box_is_proven_refuted_or_refused(tmp_path: Path) -> None:
     kept = json.loads((tmp_path / "proof" / "box_proof.json").read_text(encoding="utf-8"))
     assert kept["verdict"] == "proven"
     assert "mass 28 to 52 kg" in kept["parameters"]
+    assert kept["machine"]["file"] == "linear_motor.toml"
+    assert box_check.checked(str(tmp_path / "proof" / "box_proof.json"))[1] is True
     assert "at every plant of the box" in (tmp_path / "proof" / "report.html").read_text(encoding="utf-8")
     refuted = certify.run(CertifyRequest("linear_motor", box="standard", max_ms=1.9))
     assert refuted.judgment is Judgment.BOX_NOT_PROVEN
