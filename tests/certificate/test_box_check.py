@@ -226,7 +226,7 @@ def test_every_function_of_frequency_is_within_its_bounds(table: Document) -> No
     unit = float(bodies.polynomials([p.low for p in bodies.parameters])[0][-1])
     corner = tuple(tuple(box_check.fixed(Fraction(x / unit), box_check.BITS + box_check.DEEP) for x in p)
                    for p in ([*part, *[0.0] * (5 - len(part))] for part in exact))  # fmt: skip
-    for low, high in ((0.0, 1e-6), (1e-4, 1.4e-4), (0.003, 0.01), (0.5, 0.6), (2.9, math.pi)):
+    for low, high in ((0.0, 1e-6), (1e-4, 1.4e-4), (0.003, 0.01), (0.5, 0.6), (2.9, math.pi), (3.0, 3.0001)):
         frequencies = box_check.Frequencies(bodies, control, cells.degree, cells.largest, 1)
         here = frequencies.at(*(box_check.fixed(Fraction(x)) for x in (low, high)))
         middle = 0.5 * (low + high)
@@ -251,7 +251,53 @@ def test_every_function_of_frequency_is_within_its_bounds(table: Document) -> No
             G = (1.0 - cmath.exp(-1j * middle)) / s * lag / (lag + s)
             assert abs(G) <= gain / ONE * (1.0 + 1e-9)
             assert image.theta / ONE == pytest.approx(there, rel=1e-12)
+        # all images together, of which the bound takes 5 more: that of an interval of no width is sharp
+        rates = middle + 2.0 * math.pi * np.array([k for k in range(-3000, 3001) if k])
+        hold = abs(1.0 - cmath.exp(-1j * middle)) / np.abs(rates) * lag / np.abs(lag + 1j * rates)
+        values = [np.abs(np.polyval(p[::-1], 1j * rates)) for p in exact]
+        for i, bound in enumerate(cells.tails([corner], here)):
+            images = float(np.sum(hold * values[1 + i] / values[0]))
+            assert images <= bound / ONE * (1.0 + 1e-9)
+            if low == 3.0:
+                assert bound / ONE < 1.2 * images
     assert T == 2e-4
+
+
+def test_what_the_images_may_add_is_taken_from_every_cell(motor: Document, monkeypatch: pytest.MonkeyPatch) -> None:
+    tails = box_check.Cells.tails
+    monkeypatch.setattr(box_check.Cells, "tails", lambda *cell: [50 * tail for tail in tails(*cell)])
+    with pytest.raises(box_check.RefusedError, match="is not proven"):
+        box_check.verified(motor)
+
+
+def test_lines_of_the_checker_bound_every_product() -> None:
+    """Numbers anywhere within the rests, at places of an interval, against floats: no bound leaves the rest out."""
+    random = np.random.default_rng(8)
+    delta, sharp = box_check.fixed(Fraction(3, 10)), [0.0, 0.0, 0.0]
+
+    def line(value: complex, slope: complex, rest: float) -> box_check.Line:
+        parts = (value.real, value.imag, slope.real, slope.imag, rest)
+        return box_check.Line(*(box_check.fixed(Fraction(x)) for x in parts))
+
+    for _ in range(300):
+        a, b, slope_a, slope_b = (random.normal(size=4) + 1j * random.normal(size=4)).tolist()
+        rests = np.abs(random.normal(size=2)).tolist()
+        first = line(a, slope_a, rests[0])
+        found = first.times(line(b, slope_b, rests[1]), delta)
+        least = box_check.least_along(first, 3 << 64, 4 << 64, delta) / (5 << 64) / ONE
+        for t in (-0.3, 0.1, 0.3):
+            u, v = np.exp(2j * np.pi * random.random(2))
+            x, y = a + slope_a * t + rests[0] * u, b + slope_b * t + rests[1] * v
+            straight = complex(found.re, found.im) / ONE + complex(found.slope_re, found.slope_im) / ONE * t
+            along = ((3.0 - 4.0j) / 5.0 * x).real
+            assert abs(x * y - straight) <= found.rest / ONE * (1.0 + 1e-12)
+            assert abs(x) <= first.most(delta) / ONE * (1.0 + 1e-12)
+            assert along >= least - 1e-12
+            near = least / along if least > 0.0 else 0.0
+            shares = abs(x * y - straight) * ONE / found.rest, abs(x) * ONE / first.most(delta), near
+            sharp = [max(pair) for pair in zip(sharp, shares, strict=True)]
+    # bounds that nothing comes near would be of no use
+    assert min(sharp) > 0.8
 
 
 class StateOf:

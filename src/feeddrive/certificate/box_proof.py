@@ -588,6 +588,8 @@ def prove_over_box(
     """
     if sensitivity_peak is not None and not sensitivity_peak > 1.0:
         raise ParameterError(f"max_ms = {Quantity(sensitivity_peak):6} must be above 1, as 2: |1 + L| is 1 without L")
+    # the parameters enter one by one: with correlated errors the box around them is proven
+    box = box.upright()
     dimensions = box.dimensions(loop.axis)
     grid = _intervals(0.5 / float(loop.sample_time))
     planned = len(grid) * 2.0 ** len(dimensions) * (box.dead_time + 1)
