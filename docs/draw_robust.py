@@ -96,7 +96,9 @@ def remaining(model: Comparison, over: Comparison) -> Chart:
         low=0.85 * float(np.min(y)),
         high=1.15 * float(np.max(y)),
     )
-    label = "tracking, worst plant (times better than P-PI); dots: limits and figures over the box, lines: from the model"
+    label = (
+        "tracking, worst plant (times better than P-PI); dots: limits and figures over the box, lines: from the model"
+    )
     return Chart(label, (panel,), LOG, 0.6 * float(np.min(x)), 2.0 * float(np.max(x)), height=6.4)
 
 

@@ -1,4 +1,4 @@
-"""The file of a proof over a box: accepted by a checker of the standard library alone, and refused once it is damaged."""
+"""The file of a proof over a box: accepted by a checker of the standard library alone, refused once it is damaged."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.certificate import box_check, box_proof
 from feeddrive.certificate.box_proof import document, prove_over_box
+from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.box import Box
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
-from feeddrive.language.errors import ParameterError
 from feeddrive.workflow.certify import CertifyRequest, certify
 from feeddrive.workflow.check import CheckRequest, check
 from independent_box import box_draws
@@ -342,7 +342,7 @@ def test_roots_near_the_unit_circle_are_told_apart(radius: float, verdict: bool)
 
 
 def test_the_numbers_of_the_checker() -> None:
-    assert box_check.PI / ONE == math.pi
+    assert math.pi == box_check.PI / ONE
     assert 0 < box_check.pi(400) - (box_check.PI << 80) < 2 << 80
     for angle in (-7.5, -0.3, 0.0, 1e-9, 0.7, 3.0):
         turn = box_check.turned(box_check.fixed(Fraction(angle)))

@@ -196,10 +196,10 @@ def test_a_plant_of_correlated_errors_is_named_by_its_values(screw: Loop) -> Non
     # 2 s (√1.8 ± √0.2)/√2
     assert names == {"mass_load +6.3 %, stiffness +3.2 %", "mass_load +3.2 %, stiffness +6.3 %",
                      "mass_load -6.3 %, stiffness -3.2 %", "mass_load -3.2 %, stiffness -6.3 %"}  # fmt: skip
+    three = {"plant.mass_motor": 1.0, **errors}
+    ties = {pair: 0.9, frozenset(("plant.mass_motor", "plant.mass_load")): 0.9,
+            frozenset(("plant.mass_motor", "plant.stiffness")): -0.9}  # fmt: skip
     with pytest.raises(ParameterError, match="no errors have the correlations of mass_motor, mass_load, stiffness"):
-        three = {"plant.mass_motor": 1.0, **errors}
-        ties = {frozenset(p): v for p, v in ((("plant.mass_motor", "plant.mass_load"), 0.9), (pair, 0.9),
-                                             (("plant.mass_motor", "plant.stiffness"), -0.9))}  # fmt: skip
         Box(deviations=2.0).with_errors(axis, three, "x.toml", ties)
 
 

@@ -2,9 +2,9 @@
 
     python box_check.py FILE
 
-The file states bodies M q'' + C q' + K q = b u with readings cᵢᵀq, where each uncertain parameter p between two ends adds
-p · factor · v vᵀ to M or K; a drive with dead time and current loop; and a control u = Σ Cᵢ(z) xᵢ, Cᵢ = Nᵢ/D, by its
-matrices.  With θ = ωT, s = jθ/T and z = e^(jθ),
+The file states bodies M q'' + C q' + K q = b u with readings cᵢᵀq, where each uncertain parameter p between two ends
+adds p · factor · v vᵀ to M or K; a drive with dead time and current loop; and a control u = Σ Cᵢ(z) xᵢ, Cᵢ = Nᵢ/D, by
+its matrices.  With θ = ωT, s = jθ/T and z = e^(jθ),
 
     den = det(M s² + C s + K),  numᵢ = cᵢᵀ adj(M s² + C s + K) b,  G = (1 - e^-sT)/(sT) e^(-s τ) ωc/(s + ωc)
     f = D den - Σ Nᵢ G numᵢ,    tailᵢ = Σ over k ≠ 0 of |G numᵢ/den| at θ + 2πk
@@ -13,9 +13,9 @@ matrices.  With θ = ωT, s = jθ/T and z = e^(jθ),
 1. *Cells.*  Trees of halvings divide 0 <= θ <= π and the box.  Each leaf states a direction, in which the inequality
    must hold at all corners of its plants and over its interval of θ.  v vᵀ has rank one, so den and numᵢ are affine in
    each parameter alone; Re(f · direction) - c |den| is concave in each alone, and so positive in the whole cell.
-2. *One stable plant.*  The sampled model of the middle of the box is enclosed (Taylor series of the matrix exponential),
-   and the characteristic polynomial is stable by its reflection coefficients (Schur and Cohn), for each whole number of
-   additional samples of dead time.
+2. *One stable plant.*  The sampled model of the middle of the box is enclosed (Taylor series of the matrix
+   exponential), and the characteristic polynomial is stable by its reflection coefficients (Schur and Cohn), for each
+   whole number of additional samples of dead time.
 3. The degree of the characteristic polynomial is that of all plants, since det M > 0 at all corners.  No root crosses
    the unit circle between two plants, so that all plants are stable.
 
@@ -523,7 +523,7 @@ def least_along(line: Line, x: int, y: int, delta: int) -> int:
 
 
 def direction(code: int, around: int) -> tuple[int, int]:
-    """Return the vector |x| + |y| = around that a code 0 <= code < 4 around names, counterclockwise from (around, 0)."""
+    """Return the vector |x| + |y| = around of a code 0 <= code < 4 around, counterclockwise from (around, 0)."""
     quarter, t = divmod(code, around)
     # in units of 2^-64: the upper bound of its magnitude is rounded up by one
     x, y = around - t << 64, t << 64
@@ -553,9 +553,7 @@ class Cells:
         found = [[[x / unit for x in [*p, *[Fraction(0)] * (top + 1 - len(p))]] for p in parts] for parts in found]
         self.degree = top
         self.largest = math.ceil(max(1, *(abs(x) for parts in found for p in parts for x in p)))
-        self.corners: list[Corner] = [
-            tuple(tuple(fixed(x, BITS + DEEP) for x in p) for p in parts) for parts in found
-        ]
+        self.corners: list[Corner] = [tuple(tuple(fixed(x, BITS + DEEP) for x in p) for p in parts) for parts in found]
         self.beyond = self._beyond(found)
         self.least = Fraction(0) if bound is None else 1 / bound
 
@@ -602,7 +600,7 @@ class Cells:
 
 
 def halved(corners: Sequence[Corner], bit: int) -> tuple[list[Corner], list[Corner]]:
-    """Return the corners of both halves of a cell, along the parameter whose upper ends have this bit in their place."""
+    """Return the corners of both halves of a cell, along the parameter whose upper ends have this bit set."""
     lower, upper = list(corners), list(corners)
     for i in range(len(corners)):
         if i & bit:
@@ -686,9 +684,7 @@ Spans = list[list[Span]]
 def product_of(a: Spans, b: Spans) -> Spans:
     """Return the product of two matrices."""
     columns, zero = list(zip(*b, strict=True)), Span(0, 0, a[0][0].bits)
-    return [
-        [sum((x * y for x, y in zip(values, column, strict=True)), zero) for column in columns] for values in a
-    ]
+    return [[sum((x * y for x, y in zip(values, column, strict=True)), zero) for column in columns] for values in a]
 
 
 def exponential(A: Matrix, bits: int) -> Spans:

@@ -97,7 +97,7 @@ class AxisSection(Section):
                 )
         for pair, value in (self.correlations or {}).items():
             paths = pair.split()
-            if len(set(paths)) != 2 or len(paths) != 2 or any(path not in (self.standard_errors or {}) for path in paths):
+            if len(paths) != 2 or paths[0] == paths[1] or not set(paths) <= set(self.standard_errors or {}):
                 raise self.error(
                     f"correlations: '{pair}' must be two different paths of standard_errors with a space between them, "
                     'as "plant.mass plant.stiffness": write both paths, or leave it out',

@@ -215,7 +215,7 @@ class Box:
         paths = [d.path for d in every if d.path in known]
         R = np.array([[correlations.get(frozenset((f"plant.{a}", f"plant.{b}")), float(a == b)) for b in paths]
                       for a in paths])  # fmt: skip
-        tied = bool(np.any(R != np.eye(len(paths))))
+        tied = not np.array_equal(R, np.eye(len(paths)))
         wide = dict(zip(paths, np.sum(np.abs(_principal(R)), axis=1).tolist(), strict=True)) if tied else {}
         if tied and float(np.linalg.eigvalsh(R)[0]) < -_INDEFINITE:
             raise ParameterError(

@@ -457,7 +457,7 @@ def machine_text(
 
 
 def _correlations(fit: PlantFit, errors: Mapping[str, float]) -> dict[tuple[str, str], float]:
-    """Return the correlations of the fitted masses and stiffnesses, of which a box of plants is made, by their paths."""
+    """Return the correlations of fitted masses and stiffnesses, of which a box of plants is made, by their paths."""
     axis, found = Axis(plant=fit.blocks()[0]), dict[tuple[str, str], float]()
     paths = [f"plant.{estimate.name}" for estimate in fit.estimates]
     for i, j in combinations(range(len(paths)), 2):
