@@ -112,6 +112,18 @@ def _meetings(a: Curve, b: Curve) -> Iterator[Pair]:
     yield x - half * ux, y - half * uy
 
 
+class Corners(NamedTuple):
+    """How a language enters a contour and goes around its outer corners.
+
+    normal  True for a lead-in that ends square to the start of the next move (NORM); otherwise it ends beside its own
+            end, and the corner behind it is one of the contour
+    sharp   True for outer corners at the intersection of the shifted curves (G451), otherwise by an arc
+    """
+
+    normal: bool = False
+    sharp: bool = False
+
+
 class _Move(NamedTuple):
     """A move that waits for the next one: its command, and its programmed and its shifted curve."""
 
@@ -128,6 +140,7 @@ class Compensation:
     plane   first and second axis of the plane, and the normal axis
     line    function that returns the line of the present block
     write   function that takes the finished commands
+    corners how the contour is entered, and its corners
     """
 
     def __init__(
@@ -138,7 +151,9 @@ class Compensation:
         position: list[float],
         line: Callable[[], Line],
         write: Callable[[Command], None],
+        corners: Corners | None = None,
     ) -> None:
+        self.corners = corners or Corners()
         self._radius, self._left = radius, radius if left else -radius
         self._plane, self._line, self._write = plane, line, write
         self._place = self._pair(position)  # the center of the tool, where the waiting move begins

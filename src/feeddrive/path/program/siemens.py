@@ -16,18 +16,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Generator, Mapping
+from collections.abc import Generator
 from pathlib import Path
 from typing import NamedTuple
 
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.program import blocks
-from feeddrive.path.program.blocks import AXES, Block, BlockError, Line, LineReader, Parameters, Place
-from feeddrive.path.program.interpreter import MOST_AGAIN, Flow
-from feeddrive.path.program.motion import PLANES, Motion, emit_path_mode
-from feeddrive.path.program.moves import Command, Value, sweep
+from feeddrive.path.program.blocks import AXES, Block, BlockError, Line, LineReader, Place
+from feeddrive.path.program.execution import Execution, Setting
+from feeddrive.path.program.motion import PLANES
+from feeddrive.path.program.moves import Command, sweep
 from feeddrive.path.program.siemens_words import IGNORED, Values, ignored_g, refusal
-from feeddrive.path.program.state import INCH, LINEAR, State, Tool, first_of, rotated
+from feeddrive.path.program.state import INCH, LINEAR, Names, first_of, rotated, set_tool_offset
 
 ROUNDED = 0.22
 """The part of ADIS (G641) that is taken as the tolerance: what a blend over that length on both sides of a corner of 90
@@ -36,7 +36,6 @@ FIRST_NAMED = 90_001
 """The number of the first tool with a name that neither is a number nor stands as a remark in the tool table."""
 MOST_NESTED = 200
 
-_PLANES = {17: (170, "CANON_PLANE_XY"), 18: (180, "CANON_PLANE_XZ"), 19: (190, "CANON_PLANE_YZ")}
 _SYSTEMS = {54: 1, 55: 2, 56: 3, 57: 4, 505: 5, 506: 6, 507: 7, 508: 8, 509: 9}
 _MODES = {60: "CANON_EXACT_STOP", **dict.fromkeys((64, 641, 642, 643, 644, 645), "CANON_CONTINUOUS")}
 # groups of G codes of which one block has one at most
@@ -52,8 +51,7 @@ _GROUPS: dict[str, tuple[int, ...]] = {
     "other": (40, 97),
 }
 _GROUP = {code: group for group, codes in _GROUPS.items() for code in codes}
-_SPINDLE = {3: "START_SPINDLE_CLOCKWISE", 4: "START_SPINDLE_COUNTERCLOCKWISE", 5: "STOP_SPINDLE_TURNING"}
-_COOLANT = {7: ("MIST_ON",), 8: ("FLOOD_ON",), 9: ("MIST_OFF", "FLOOD_OFF")}
+_SPINDLE = {3: 1, 4: -1, 5: 0}
 _MOTIONS = {"CIP", "POLY"}
 _FRAMES = {"TRANS", "ATRANS", "ROT", "AROT"}
 # what can stand before =, besides variables and R parameters
@@ -79,6 +77,9 @@ _JUMP = re.compile(r"(GOTOF|GOTOB|GOTOC|GOTO)\s+(?:N(?=\d))?([A-Z0-9_]+)\s*$", r
 _DYNAMICS = {1: "_FINISH", 2: "_SEMIFIN", 3: "_ROUGH", 4: "_PRECISION"}
 
 
+NAMES = Names("TRAORI", "TRAFOOF")
+
+
 class Placed(NamedTuple):
     """A value of a word: absolute (AC), incremental (IC), as G90 or G91 says (empty), or of a rotary axis (DC ...)."""
 
@@ -87,10 +88,10 @@ class Placed(NamedTuple):
 
 
 class _Open(NamedTuple):
-    """An open IF or loop: the offset of its line, the place of its body, and of a FOR its variable and last value."""
+    """An open IF or loop: the place of its line and of its body, and of a FOR its variable and last value."""
 
     kind: str
-    head: int
+    head: Place
     body: Place
     variable: str = ""
     last: float = 0.0
@@ -126,39 +127,19 @@ class _Words:
 
 
 class SiemensInterpreter:
-    """The interpreter of a SINUMERIK part program.
+    """The interpreter of a SINUMERIK part program; parameters of the setting are variables, R1 .. are R parameters."""
 
-    tools        the tool table, by number
-    numbered     the origins of G54 .. in the parameters of a `.var` file
-    tables_inch  both are in inches
-    skip_deleted True to skip lines that begin with /
-    most_again   largest number of lines that jumps and loops may repeat
-    parameters   values of variables that the program does not set; R1 and the like are R parameters
-    """
-
-    def __init__(
-        self,
-        program: Path,
-        tools: dict[int, Tool] | None = None,
-        numbered: dict[int, float] | None = None,
-        tables_inch: bool = False,
-        skip_deleted: bool = False,
-        most_again: int = MOST_AGAIN,
-        *,
-        parameters: Mapping[str, float] | None = None,
-    ) -> None:
-        self._state = State(Parameters(numbered), tables_inch)
-        self._tools, self._skip_deleted = tools, skip_deleted
-        self._flow = Flow(program, self._state.parameters, most_again)
-        self._out: list[Command] = []
-        self._line = Line(str(program), 0, "")
-        self._motion = Motion(self._state, self._emit, self._flow.moved)
+    def __init__(self, program: Path, setting: Setting) -> None:
+        self._run = run = Execution(program, setting, NAMES)
+        self._setting, self._state, self._tools = setting, run.state, run.tools
+        self._emit, self._lines, self._switches, self._motion = run.emit, run.lines, run.switches, run.motion
         self._variables: dict[str, float] = {}
-        for name, value in (parameters or {}).items():
+        for name, value in setting.parameters.items():
             self._variables["".join(name.split()).upper()] = value
         self._open: list[_Open] = []
         self._shift, self._angle = [0.0] * 9, 0.0  # programmable frame, mm and degrees
         self._settable: list[float] = [0.0] * 9
+        self._system = 1  # 0 for G500
         self._modal = 1  # G0 .. G3; the control starts in G1
         self._curve = ""  # CIP or POLY in place of G0 .. G3
         self._incremental = self._inch = self._inch_feed = False
@@ -168,55 +149,66 @@ class SiemensInterpreter:
         self._named: dict[str, int] = {}
         self._next_edge = 1.0  # D of the tool that the next M6 changes to
         self._ended = False
-        self._path_of_program = program
         self._marks: dict[str, list[_Mark]] | None = None
         self._before: dict[int, float] = {}  # coordinates of axes that were not programmed since frames changed
         self._rotation = 0.0  # of the settable offset, degrees
 
     def commands(self) -> Generator[Command]:
         """Yield the canonical commands in program order."""
-        try:
-            self._begin()
-            while not self._ended:
-                yield from self._taken()
-                line = self._flow.next_line()
-                if line is None:
-                    self._finish()
-                    break
-                self._line = line
-                try:
-                    self._execute(line)
-                except BlockError as fault:
-                    raise blocks.located(line, fault) from None
-                except ArithmeticError:
-                    raise blocks.located(
-                        line, BlockError("the numbers of this block are too large: check units and variables")
-                    ) from None
-            yield from self._taken()
-        finally:
-            self._flow.close()
+        return self._run.commands(self)
 
-    def _taken(self) -> list[Command]:
-        out, self._out = self._out, []
-        return out
+    # what `Execution` asks of a language
 
-    def _emit(self, name: str, *values: Value) -> None:
-        self._out.append(Command(name, values, self._line))
+    @property
+    def loop(self) -> str:
+        """The innermost loop that is running in the program itself, with its line."""
+        loops = [opened for opened in self._open if opened.kind != "IF"]
+        return f"{loops[-1].kind} of line {loops[-1].head.number + 1}" if loops else ""
 
-    def _begin(self) -> None:
-        # the settable offsets act from the start on, as if G54 stood there: 0 without a table
+    def begin(self) -> None:
+        """Emit the state at the start of the program."""
         self._emit("USE_LENGTH_UNITS", "CANON_UNITS_MM")
+        # the settable offsets act from the start on, as if G54 stood there: 0 without a table
         self._choose_system(1)
+        self._state.position = self._state.program(self._setting.start)
         self._emit("SET_G92_OFFSET", *[0.0] * 9)
         self._before.clear()
         self._emit("ON_RESET")
         self._set_path(64)
 
-    def _finish(self) -> None:
+    def execute(self, line: Line) -> bool:
+        """Execute a line; return True if it ends the program."""
+        self._execute(line)
+        return self._ended
+
+    def finish(self) -> bool:
+        """End the program at the end of its file."""
         if self._open:
             kind = self._open[-1].kind
-            raise blocks.located(self._line, BlockError(f"the program ends inside {kind}: write {_OPENS[kind]}", kind))
+            raise BlockError(f"the program ends inside {kind}: write {_OPENS[kind]}", kind)
         self._emit("FINISH")
+        return True
+
+    def words(self) -> str:
+        """Return the modal state as words: that of the path, of the machine and of the frame."""
+        state = self._state
+        words = [
+            "G700" if self._inch_feed else "G70" if self._inch else "G71",
+            f"G{state.plane // 10}",
+            "G91" if self._incremental else "G90",
+            f"G{state.feed_mode // 10}",
+            f"G{self._path}",
+        ]
+        words += [f"CTOL={self._contour_tolerance:.6g}"] if self._contour_tolerance else []
+        words += [f"ADIS={self._rounding:.6g}"] if self._rounding else []
+        words += [next((f"G{code}" for code, system in _SYSTEMS.items() if system == self._system), "G500")]
+        words += [f"T{state.tool}"]
+        words += [f"S{state.speed:.6g} {'M3' if state.spindle > 0 else 'M4'}" if state.spindle else "M5"]
+        words += [word for word, on in (("M7", state.mist), ("M8", state.flood)) if on]
+        shift = [f"{AXES[axis].upper()}{value:.8g}" for axis, value in enumerate(self._shift) if value]
+        words += [" ".join(["TRANS", *shift])] if shift else []
+        words += [f"AROT RPL={self._angle:.8g}"] if self._angle else []
+        return " ".join(words)
 
     # a line
 
@@ -225,7 +217,7 @@ class SiemensInterpreter:
         if _HEADER.match(text):
             return
         if deleted := _DELETED.match(text):
-            if self._skip_deleted:
+            if self._setting.skip_deleted:
                 return
             text = " " * deleted.end() + text[deleted.end() :]
         begin = _BEGIN.match(text)
@@ -277,9 +269,9 @@ class SiemensInterpreter:
             elif text[values.at :].strip():
                 raise values.fault("behind the condition of IF stands GOTOF, GOTOB or nothing")
             else:
-                head = self._flow.reader.last.offset
+                head = self._lines.reader.last
                 if true or self._skip("IF", ("ELSE", "ENDIF")) == "ELSE":
-                    self._push(_Open("IF", head, self._flow.reader.place))
+                    self._push(_Open("IF", head, self._lines.reader.place))
         elif word == "ELSE":
             self._top("IF", word)
             self._skip("IF", ("ENDIF",))
@@ -292,7 +284,7 @@ class SiemensInterpreter:
             self._loop(word, values)
 
     def _loop(self, word: str, values: Values) -> None:
-        reader = self._flow.reader
+        reader = self._lines.reader
         if word == "FOR":
             self._begin_for(values)
         elif word == "ENDFOR":
@@ -307,17 +299,17 @@ class SiemensInterpreter:
                 self._skip("WHILE", ("ENDWHILE",))
             else:
                 # back to this line, whose condition is read again
-                self._push(_Open("WHILE", reader.last.offset, reader.last))
+                self._push(_Open("WHILE", reader.last, reader.last))
         elif word in ("ENDWHILE", "ENDLOOP"):
             loop = self._top(word[3:], word)
             self._open.pop()
             reader.go(loop.body)
         elif word == "LOOP":
-            self._push(_Open("LOOP", reader.last.offset, reader.last))
+            self._push(_Open("LOOP", reader.last, reader.last))
         elif word == "REPEAT":
             if values.text[values.at :].strip():
                 raise BlockError("the repetition of labels is not read: write FOR or REPEAT .. UNTIL", "REPEAT")
-            self._push(_Open("REPEAT", reader.last.offset, reader.place))
+            self._push(_Open("REPEAT", reader.last, reader.place))
         else:
             loop = self._top("REPEAT", word)
             if values.expression() == 0.0:
@@ -336,12 +328,12 @@ class SiemensInterpreter:
             raise values.fault("a loop is FOR NAME=first TO last: TO is missing")
         values.at = to.end()
         last, name = values.expression(), found[1].upper()
-        head = self._flow.reader.last.offset
+        head = self._lines.reader.last
         self._variables[name] = first
         if first > last:
             self._skip("FOR", ("ENDFOR",))
         else:
-            self._push(_Open("FOR", head, self._flow.reader.place, name, last))
+            self._push(_Open("FOR", head, self._lines.reader.place, name, last))
 
     def _push(self, opened: _Open) -> None:
         if len(self._open) >= MOST_NESTED:
@@ -358,7 +350,7 @@ class SiemensInterpreter:
     def _skip(self, kind: str, ends: tuple[str, ...]) -> str:
         """Skip lines behind the end of the part that is open, and return the word that ends it."""
         depth = 0
-        while (line := self._flow.next_line()) is not None:
+        while (line := self._lines.next_line()) is not None:
             text = _without_comment(line.text)
             begin = _BEGIN.match(text)
             word = _FLOW.match(text, begin.end() if begin else 0)
@@ -376,10 +368,10 @@ class SiemensInterpreter:
         if not jump:
             raise BlockError("a jump is GOTOF, GOTOB, GOTO or GOTOC and a label or a block number", "GOTO")
         word, label = jump[1].upper(), jump[2].upper()
-        reader = self._flow.reader
+        reader = self._lines.reader
         here = reader.last.offset
         if self._marks is None:
-            self._marks = _marks_of(self._path_of_program)
+            self._marks = _marks_of(self._lines.program)
         marks = self._marks.get(label, [])
         ahead = [mark for mark in marks if mark.place.offset > here]
         behind = [mark for mark in marks if mark.place.offset <= here]
@@ -390,7 +382,7 @@ class SiemensInterpreter:
             way = {"GOTOF": "behind this line", "GOTOB": "before this line"}.get(word, "in the program")
             raise BlockError(f"there is no label or block number {label} {way}: write it, or correct the jump", label)
         mark = found[0]
-        if tuple(opened.head for opened in self._open[: len(mark.around)]) != mark.around:
+        if tuple(opened.head.offset for opened in self._open[: len(mark.around)]) != mark.around:
             raise BlockError(
                 f"{label} lies inside a loop or condition, into which no jump leads: jump before it", label
             )
@@ -549,27 +541,18 @@ class SiemensInterpreter:
     def _act(self, words: _Words) -> None:
         codes, state = words.codes, self._state
         if "feed" in codes:
-            state.feed_mode, state.feed = 10 * codes["feed"], 0.0
-            self._emit("SET_FEED_MODE", 0, int(codes["feed"] == 95))
-            if codes["feed"] != 93:
-                self._emit("SET_FEED_RATE", 0.0)
+            self._switches.feed_mode(10 * codes["feed"])
         if "unit" in codes:
             self._inch, self._inch_feed = codes["unit"] in (70, 700), codes["unit"] == 700
         if "F" in words.values and state.feed_mode != 930 and codes.get("once") != 4:
-            feed = words.take("F") or 0.0
-            if feed < 0:
-                raise BlockError(f"a feed is not negative: F{Quantity(feed):6}", "F")
-            state.feed = feed * (INCH if self._inch_feed else 1.0)
-            self._emit("SET_FEED_RATE", state.feed)
+            self._switches.feed((words.take("F") or 0.0) * (INCH if self._inch_feed else 1.0))
         if codes.get("once") == 4:
             self._dwell(words)
         if (speed := words.take("S")) is not None:
-            state.speed = speed
-            self._emit("SET_SPINDLE_SPEED", 0, speed)
+            self._switches.speed(speed)
         stop = self._tools_and_switches(words)
         if "plane" in codes:
-            state.plane, name = _PLANES[codes["plane"]]
-            self._emit("SELECT_PLANE", name)
+            self._switches.plane(10 * codes["plane"])
         if "distance" in codes:
             self._incremental = codes["distance"] == 91
         self._path_words(words)
@@ -595,30 +578,24 @@ class SiemensInterpreter:
             seconds = 60.0 * turns / self._state.speed
         if seconds is None or seconds < 0:
             raise BlockError("G4 needs F and the seconds, or S and turns of a turning spindle", "G4")
-        self._emit("DWELL", seconds)
+        self._switches.dwell(seconds, "F")
 
     def _tools_and_switches(self, words: _Words) -> int | None:
         """Execute T, D and M; return the M code that stops or ends the program."""
-        state, stop = self._state, None
+        stop = None
         edge = words.take("D")
         if words.tool is not None:
             # the cutting edge is that of the tool that M6 will change to, and the first one if none is named
             self._next_edge, edge = 1.0 if edge is None else edge, None
-            state.selected = self._tool_number(words.tool)
-            self._emit("SELECT_TOOL", state.selected)
+            self._switches.select(self._tool_number(words.tool))
         for code in words.m_codes:
             if code == 6:
-                self._emit("START_CHANGE")
-                self._emit("STOP_SPINDLE_TURNING", 0)
-                state.spindle, state.tool = 0, state.selected
-                self._emit("CHANGE_TOOL", state.tool)
+                self._switches.change_tool("M6")
                 edge, self._next_edge = self._next_edge if edge is None else edge, 1.0
             elif code in _SPINDLE:
-                state.spindle = {3: 1, 4: -1, 5: 0}[code]
-                self._emit(_SPINDLE[code], 0)
-            elif code in _COOLANT:
-                for name in _COOLANT[code]:
-                    self._emit(name)
+                self._switches.turn(_SPINDLE[code])
+            elif code in (7, 8, 9):
+                self._switches.coolant(mist=code == 7, flood=code == 8)
             elif code in (0, 1, 2, 17, 30):
                 stop = code
             elif 40 <= code <= 45:
@@ -661,12 +638,11 @@ class SiemensInterpreter:
             self._emit("IGNORED", f"D{edge:g}")
             return
         offset = self._state.to_program(tool.offset) if tool is not None and edge else [0.0] * 9
-        self._state.keep_machine(tool_offset=offset)
-        self._emit("USE_TOOL_LENGTH_OFFSET", *offset)
+        set_tool_offset(self._state, self._emit, offset)
 
     def _stop(self, code: int) -> None:
         if code in (0, 1):
-            self._emit("OPTIONAL_PROGRAM_STOP" if code else "PROGRAM_STOP")
+            self._switches.stop(optional=bool(code))
             return
         self._emit("STOP_SPINDLE_TURNING", 0)
         self._emit("PROGRAM_END")
@@ -692,11 +668,9 @@ class SiemensInterpreter:
 
     def _set_path(self, code: int) -> None:
         """Execute G60 or G64 ff: G641 within a part of ADIS, G642 to G645 within CTOL or the tolerance of CYCLE832."""
-        state, self._path = self._state, code
-        state.path_mode = _MODES[code]
+        self._path = code
         within = {64: 0.0, 641: ROUNDED * self._rounding}.get(code, self._contour_tolerance)
-        state.tolerance = state.naive_tolerance = within
-        emit_path_mode(state, self._emit)
+        self._switches.path_mode(_MODES[code], within, within)
 
     def _high_speed(self, arguments: list[str]) -> None:
         """Execute CYCLE832(tolerance, type, ...): continuous within the tolerance; CYCLE832() and type 0 end it."""
@@ -717,7 +691,7 @@ class SiemensInterpreter:
 
     def _choose_system(self, system: int) -> None:
         state = self._state
-        state.system = system or 1
+        state.system, self._system = system or 1, system
         numbered = state.parameters.numbered
         # the offset acts in mm here, whatever the program's unit is
         self._settable = state.stored(first_of(system)) if system else [0.0] * 9
@@ -779,7 +753,7 @@ class SiemensInterpreter:
         moving = [letter for letter in (*AXES.upper(), "AP", "RP") if letter in words.values]
         if not moving and not words.polynomials and not any(letter in words.values for letter in ("I", "J", "K", "AR")):
             return
-        block = Block(self._line)
+        block = Block(self._run.line)
         if state.feed_mode == 930 and "F" in words.values:
             block.words["f"] = words.values.pop("F").value
         if "SUPA" in words.keywords or once in (53, 153):
@@ -927,12 +901,10 @@ class SiemensInterpreter:
         kept = state.plane
         for code in (plane, kept) if plane != kept else ():
             if code == plane:
-                state.plane = code
-                self._emit("SELECT_PLANE", _PLANES[code // 10][1])
+                self._switches.plane(code)
         self._motion.move(block, 30 if turned > 0.0 else 20, False)
         if plane != kept:
-            state.plane = kept
-            self._emit("SELECT_PLANE", _PLANES[kept // 10][1])
+            self._switches.plane(kept)
 
     def _polynomial(self, words: _Words, target: list[float]) -> None:
         """Execute POLY: x(p) = x0 + a1 p + a2 p² + a3 p³ with x(PL) the end, as a Bezier curve of third degree."""
@@ -961,7 +933,7 @@ class SiemensInterpreter:
             for x0, x1, c2, c3 in zip(start, target, *higher, strict=True):
                 c1 = x1 - x0 - c2 - c3
                 points.append(x0 + (share[0] * c1 + share[1] * c2) / of)
-        self._flow.moved()
+        self._lines.moved()
         state.position = list(target)
         self._emit("BEZIER_FEED", *points, *target)
 
