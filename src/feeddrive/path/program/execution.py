@@ -13,12 +13,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program.blocks import BlockError, Line, Parameters, located
 from feeddrive.path.program.budget import MOST_AGAIN, MOST_COMMANDS
 from feeddrive.path.program.lines import ProgramLines
-from feeddrive.path.program.motion import Motion
+from feeddrive.path.program.motion import PLANES, Motion
 from feeddrive.path.program.moves import Command, Value
+from feeddrive.path.program.siemens_splines import MOTIONS, Edges, PointSpline, tangents
 from feeddrive.path.program.state import Names, State, Tool
 from feeddrive.path.program.switches import Switches
 
@@ -89,20 +92,56 @@ class Execution:
         self.line = Line(str(program), 0, "")
         self._main, self._from_line = self.line.file, setting.from_line
         self._out: list[Command] = []
+        self._last: tuple[Command, list[float], int] | None = None  # last move, its start and plane
+        self._heading: np.ndarray | None = None
         self.motion = Motion(self.state, self.emit, self.lines.moved)
         self.switches = Switches(self.state, self.emit, self.tools, lambda: self.line, self._out_of_turn)
 
     def emit(self, name: str, *values: Value) -> None:
-        """Add a command of the present line; with radius compensation it waits for the corner before it."""
-        command = Command(name, values, self.line)
-        if self.state.compensation:
-            self.state.compensation.take(command)
+        """Add a command of the present line; it waits for a corner of the contour, or for the end of a spline."""
+        command, state = Command(name, values, self.line), self.state
+        if name in MOTIONS:
+            if state.spline:
+                self.end_spline(tangents(command, state.spline.end, PLANES[state.plane])[0])
+            self._last = command, state.position, state.plane
+        if state.compensation:
+            state.compensation.take(command)
+        elif state.spline:
+            state.spline.take(command)
         else:
             if len(self._out) >= MOST_COMMANDS:
                 raise BlockError(
                     f"this block makes more than {MOST_COMMANDS} moves and events: make fewer pecks, repeats or points"
                 )
             self._out.append(command)
+
+    def begin_spline(self, kind: str, degree: int, edges: Edges) -> PointSpline:
+        """Begin a spline at the present position."""
+        state = self.state
+        if state.leaving:
+            raise BlockError(f"the move behind G40 is straight: write G0 or G1 before this {kind}", kind)
+        unit = 1000.0 / state.meters
+        spline = PointSpline(kind, state.position, degree, edges, self._heading_now(), unit, self._out_of_turn)
+        state.spline = spline
+        return spline
+
+    def end_spline(self, behind: np.ndarray | None) -> None:
+        """Write a spline whose end is known; `behind`: unit vector along the move behind it, None if there is none."""
+        spline, self.state.spline = self.state.spline, None
+        if spline:
+            self._heading = spline.finish(behind)
+            self._last = None
+
+    def _heading_now(self) -> np.ndarray | None:
+        """Return the unit vector along the end of the last move in X Y Z; None if there is none."""
+        if self._last:
+            command, start, plane = self._last
+            self._heading = tangents(command, start, PLANES[plane])[1]
+        return self._heading
+
+    def forget_heading(self) -> None:
+        """Forget the direction of the last move, whose coordinates have turned."""
+        self._last = self._heading = None
 
     def _out_of_turn(self, command: Command) -> None:
         self._out.append(command)
@@ -171,7 +210,7 @@ class Execution:
                 f"at line {wanted} (--from-line) the tip of the tool is moved ({names.tool_point}): name a line before "
                 f"that word, or behind {names.joints}"
             )
-        elif state.nurbs:
+        elif state.nurbs or state.spline:
             reason = f"line {wanted} (--from-line) lies between the control points of a curve: name its first line"
         else:
             self._from_line = 0

@@ -28,6 +28,7 @@ from feeddrive.path.program.execution import Execution, Setting
 from feeddrive.path.program.motion import PLANES
 from feeddrive.path.program.moves import Command, sweep
 from feeddrive.path.program.siemens_flow import Call, SiemensFlow, begin_of, program_name, without_comment
+from feeddrive.path.program.siemens_splines import BEGINS, ENDS, KINDS, Edges
 from feeddrive.path.program.siemens_words import IGNORED, Values, ignored_g, refusal
 from feeddrive.path.program.state import (
     INCH,
@@ -64,8 +65,8 @@ _GROUPS: dict[str, tuple[int, ...]] = {
 }
 _GROUP = {code: group for group, codes in _GROUPS.items() for code in codes}
 _SPINDLE = {3: 1, 4: -1, 5: 0}
-_MOTIONS = {"CIP", "POLY"}
-_KEYWORDS = {"SUPA", "FNORM", "DIAMOF", "RET", "STOPRE", "NORM", "KONT", "ORIAXES", "ORIMKS", "MCALL"}
+_MOTIONS = {"CIP", "POLY", *KINDS}
+_KEYWORDS = {"SUPA", "FNORM", "DIAMOF", "RET", "STOPRE", "NORM", "KONT", "ORIAXES", "ORIMKS", "MCALL", *BEGINS, *ENDS}
 _WITH_ARGUMENTS = {"MSG", "CYCLE832", "CYCLE800", "CALL", "EXTCALL", "TRAORI", "TRAFOOF"}
 _FRAMES = {"TRANS", "ATRANS", "ROT", "AROT"}
 VECTOR = ("A3", "B3", "C3")
@@ -74,7 +75,7 @@ VECTOR = ("A3", "B3", "C3")
 _WORDS = frozenset(
     {
         *(*AXES.upper(), *"IJKFSDT", "CR", "TURN", "AR", "AP", "RP", "I1", "J1", "K1", "CTOL", "OTOL", "ATOL"),
-        *("RPL", "ADIS", "ADISPOS", "S1", "M1", "PL", "P", "DISC", *VECTOR),
+        *("RPL", "ADIS", "ADISPOS", "S1", "M1", "PL", "P", "DISC", "PW", "SD", *VECTOR),
     }
 )
 _ADDRESS = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+)(?:EX[+-]?\d+)?)", re.IGNORECASE)
@@ -141,6 +142,9 @@ class SiemensInterpreter:
         self._edge = 1.0  # D of the tool in the spindle
         self._length = [0.0] * 9  # its offset, mm and degrees
         self._corners, self._side, self._follows = Corners(square=True), 40, False  # G450 .., G40 .., KONT
+        self._edges, self._degree = Edges(), 3  # of splines
+        self._step: float | None = None  # PL of BSPLINE
+        self._told: set[str] = set()  # kinds of splines of which the operator was told
         self._next_edge = 1.0  # D of the tool that the next M6 changes to
         self._ended = False
         self._before: dict[int, float] = {}  # coordinates of axes that were not programmed since frames changed
@@ -190,6 +194,7 @@ class SiemensInterpreter:
         self._flow.check_end()
         if not self._flow.leave():
             return False
+        self._run.end_spline(None)
         self._switches.leave_contour()
         self._emit("FINISH")
         return True
@@ -383,6 +388,8 @@ class SiemensInterpreter:
             )
         if state.compensation and codes.get("radius") != 40:
             self._refuse_on_contour(words)
+        if state.spline:
+            self._refuse_in_spline(words)
         if "feed" in codes:
             self._switches.feed_mode(10 * codes["feed"])
         if "unit" in codes:
@@ -445,11 +452,25 @@ class SiemensInterpreter:
         plane = codes.get("plane", state.plane // 10) != state.plane // 10
         named = [f"G{codes[group]}" for group, on in (("plane", plane), ("offset", "offset" in codes)) if on]
         named += [f"G{codes['once']}"] if codes.get("once") in (53, 153) else []
-        named += words.frames + [word for word in words.keywords if word in ("SUPA", "TRAORI", "TRAFOOF", "POLY")]
+        named += words.frames + [
+            word for word in words.keywords if word in ("SUPA", "TRAORI", "TRAFOOF", "POLY", *KINDS)
+        ]
         named += ["M6"] if 6 in words.m_codes else ["D"] if "D" in words.values and words.tool is None else []
         if named:
             raise BlockError(
                 f"{named[0]} does not go with radius compensation: write G40 in a line before it", named[0]
+            )
+
+    def _refuse_in_spline(self, words: _Words) -> None:
+        """Refuse what changes coordinates before the end of a spline is known."""
+        codes = words.codes
+        named = [f"G{codes[group]}" for group in ("offset", "radius") if group in codes]
+        named += words.frames + [word for word in words.keywords if word in ("TRAORI", "TRAFOOF")]
+        named += ["M6"] if 6 in words.m_codes else ["D"] if "D" in words.values and words.tool is None else []
+        if named:
+            raise BlockError(
+                f"{named[0]} stands before the end of a spline is known: write the move behind the spline before it",
+                named[0],
             )
 
     def _radius_words(self, words: _Words) -> None:
@@ -492,11 +513,13 @@ class SiemensInterpreter:
         if "TRAORI" in words.keywords and not state.tool_point:
             begin_tool_point(state, self._emit, "TRAORI", state.tool_offset, False)
             self._before.clear()
+            self._run.forget_heading()
         elif "TRAFOOF" in words.keywords and state.tool_point:
             end_tool_point(state, self._emit)
             if any(self._length):
                 set_tool_offset(state, self._emit, self._length)
             self._before.clear()
+            self._run.forget_heading()
 
     def _dwell(self, words: _Words) -> None:
         seconds, turns = words.take("F"), words.take("S")
@@ -582,6 +605,7 @@ class SiemensInterpreter:
                 self._emit("EXACT_STOP")
             self._flow.leave()
             return
+        self._run.end_spline(None)
         self._switches.leave_contour()
         end_tool_point(self._state, self._emit)
         self._emit("STOP_SPINDLE_TURNING", 0)
@@ -652,6 +676,8 @@ class SiemensInterpreter:
         # an incremental move behind a change of frames also makes the change (SD42440, whose default this is)
         for axis, value in enumerate(state.position):
             self._before.setdefault(axis, value)
+        if self._rotation + self._angle != state.rotation:
+            self._run.forget_heading()
         state.keep_machine(origin, self._rotation + self._angle)
         self._emit("SET_G5X_OFFSET", state.system, *origin)
         self._emit("SET_XY_ROTATION", state.rotation)
@@ -687,12 +713,21 @@ class SiemensInterpreter:
         """Execute the motion of a block; return False if there is none."""
         codes, state = words.codes, self._state
         curve = next((word for word in words.keywords if word in _MOTIONS), "")
+        if state.spline and ("motion" in codes or curve not in ("", state.spline.kind)):
+            state.spline.closed = True
         if "motion" in codes:
             self._modal, self._curve = codes["motion"], ""
         if curve:
             if "motion" in codes:
                 raise BlockError(f"G{codes['motion']} and {curve} exclude each other: use two lines", curve)
             self._curve = curve
+        for name in words.keywords:
+            field = "begin" if name in BEGINS else "end" if name in ENDS else ""
+            self._edges = self._edges._replace(**{field: name}) if field else self._edges
+        if (degree := words.take("SD")) is not None:
+            if degree not in (2.0, 3.0):
+                raise BlockError(f"SD is the degree of BSPLINE, 2 or 3, not {degree:g}", "SD")
+            self._degree = round(degree)
         once = codes.get("once", -1)
         if once in (110, 111, 112):
             self._set_pole(words, once)
@@ -713,12 +748,16 @@ class SiemensInterpreter:
 
     def _contour(self, words: _Words, block: Block) -> None:
         target = self._target(words)
+        if self._curve not in ("", "CIP") and self._state.compensation:
+            raise BlockError(f"{self._curve} does not go with radius compensation: write G40 before", self._curve)
         if words.polynomials and self._curve != "POLY":
             raise BlockError("PO[] belongs to POLY: write POLY in this block or before", "PO")
         if self._curve == "CIP":
             self._through(words, target, block)
         elif self._curve == "POLY":
             self._polynomial(words, target)
+        elif self._curve:
+            self._spline(words, target)
         else:
             for axis, letter in enumerate(AXES):
                 if target[axis] != self._state.position[axis] or self._modal >= 2:
@@ -876,6 +915,34 @@ class SiemensInterpreter:
         if plane != kept:
             self._switches.plane(kept)
 
+    def _spline(self, words: _Words, target: list[float]) -> None:
+        """Read a block of ASPLINE, BSPLINE or CSPLINE: a point, of BSPLINE with its weight PW."""
+        state, kind = self._state, self._curve
+        if state.feed_mode == 930 or state.feed <= 0:
+            raise BlockError(f"{kind} needs a feed above 0 in G94 or G95: write F in this block or before", kind)
+        moved = [AXES[axis].upper() for axis in range(3, 9) if target[axis] != state.position[axis]]
+        if moved:
+            raise BlockError(f"{kind} moves X, Y and Z: move {moved[0]} in a block of its own", moved[0])
+        length = words.take("PL")
+        spline = state.spline
+        if spline and (spline.closed or spline.kind != kind):
+            # its end has no move behind it
+            self._run.end_spline(None)
+            spline = None
+        if spline is None:
+            spline = self._run.begin_spline(kind, self._degree, self._edges)
+            self._step = length
+            if kind not in self._told:
+                self._told.add(kind)
+                what = "knots are even" if kind == "BSPLINE" else "the parameter is the sum of chords"
+                self._emit("MESSAGE", f"{kind}: {what}; those of the control are not documented")
+        if length != self._step or (length is not None and kind != "BSPLINE"):
+            raise BlockError("PL is read in BSPLINE, and if it is the same in all blocks: even knots", "PL")
+        spline.end_by(self._edges.end)
+        spline.add(self._run.line, target, words.take("PW"))
+        self._lines.moved()
+        state.position = list(target)
+
     def _polynomial(self, words: _Words, target: list[float]) -> None:
         """Execute POLY: x(p) = x0 + a1 p + a2 p² + a3 p³ with x(PL) the end, as a Bezier curve of third degree."""
         state = self._state
@@ -904,8 +971,8 @@ class SiemensInterpreter:
                 c1 = x1 - x0 - c2 - c3
                 points.append(x0 + (share[0] * c1 + share[1] * c2) / of)
         self._lines.moved()
-        state.position = list(target)
         self._emit("BEZIER_FEED", *points, *target)
+        state.position = list(target)
 
     def _machine_move(self, words: _Words, block: Block) -> None:
         """Execute a straight move in machine coordinates (G53, G153, SUPA)."""

@@ -16,7 +16,7 @@ from feeddrive.path.program.blocks import DEEPEST, BlockError
 _FIVE = "this way to orient the tool or the workpiece is not planned: write A3= B3= C3=, or the letters of rotary axes"
 _ORIENTED = "the tool is turned by the rotary axes each in proportion to the path (ORIAXES), and in no other way here"
 _LATHE = "lathe work is not planned: only milling with X, Y and Z as they stand"
-_SPLINE = "the control chooses the nodes of this spline itself: post lines, arcs or POLY"
+_SPLINE = "splines of other axes than X Y Z are not planned: post lines, arcs or POLY"
 _SPINDLE = "the move follows the real spindle: take it out of what is planned"
 _CYCLE = "cycles of the control are not read: let the CAM system write their moves"
 _CALL = "this call is not read: write the name of the subprogram, CALL or a loop"
@@ -47,20 +47,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
         "G971",
         "G973",
     ),
-    _SPLINE: (
-        "ASPLINE",
-        "BSPLINE",
-        "CSPLINE",
-        "BAUTO",
-        "BNAT",
-        "BTAN",
-        "EAUTO",
-        "ENAT",
-        "ETAN",
-        "PW",
-        "SD",
-        "SPLINEPATH",
-    ),
+    _SPLINE: ("SPLINEPATH",),
     _SPINDLE: ("G33", "G34", "G35", "G63", "G331", "G332", "SPOS", "SPOSA", "SPCON", "COUPON", "FPR"),
     _CYCLE: ("HOLES1", "HOLES2", "POCKET1", "POCKET2", "POCKET3", "POCKET4", "SLOT1", "SLOT2", "LONGHOLE"),
     _CALL: ("PCALL", "ISOCALL", "MODALCALL", "CASE", "REPEATB", "INIT", "START", "WAITE"),

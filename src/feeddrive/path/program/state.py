@@ -18,6 +18,7 @@ from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program.blocks import AXES, Block, BlockError, Parameters, name_of
 from feeddrive.path.program.compensation import Compensation
 from feeddrive.path.program.nurbs import Nurbs
+from feeddrive.path.program.siemens_splines import PointSpline
 
 _WORD = re.compile(r"([A-Za-z])([+-]?(?:\d+\.?\d*|\.\d+))\s*")
 _AXES = "XYZABCUVW"
@@ -136,6 +137,7 @@ class State:
     compensation  the radius compensation, if it is on; `position` is then that of the programmed contour
     extruder_incremental  `incremental` for the axis U, which G90 and G91 set too, and M82 and M83 of a printer alone
     nurbs         the curve of G5.2 or G6.2 whose control points are being read
+    spline        the spline of SINUMERIK whose points are being read, or whose end waits for the next move
     leaving       the position of the tool's center between G40 and the next move; otherwise None
     kinematics    the kinematics of the machine, if it has any
     tool_point    the kinematics with the tool, while X Y Z are its tip in the frame of the workpiece; otherwise None
@@ -185,6 +187,7 @@ class State:
         self.level: tuple[int, float] | None = None
         self.compensation: Compensation | None = None
         self.nurbs: Nurbs | None = None
+        self.spline: PointSpline | None = None
         self.leaving: list[float] | None = None
 
     # units
