@@ -22,7 +22,6 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from feeddrive.path.program.blocks import BlockError, Line
 from feeddrive.path.program.moves import Command
@@ -56,6 +55,9 @@ def slopes(kind: str, points: Row, edges: Edges, before: Row | None, behind: Row
 
 
 def _cubic(steps: Row, chords: Row, edges: Edges, before: Row | None, behind: Row | None) -> Row:
+    # loading it takes longer than reading most programs
+    from scipy.linalg import solve_banded
+
     count = len(steps) + 1
     upper, middle, lower = np.zeros(count), np.zeros(count), np.zeros(count)
     right = np.zeros((count, chords.shape[1]))
