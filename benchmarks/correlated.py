@@ -15,6 +15,7 @@ import numpy as np
 import feeddrive as fd
 from feeddrive.comparison.compare import compare_laws
 from feeddrive.identification.response.plant_fit import fit_two_mass
+from feeddrive.language import tree
 from feeddrive.loop.box import Box
 
 PARAMETERS = ("mass_motor", "mass_load", "stiffness")
@@ -48,7 +49,7 @@ def main() -> None:
     print("correlations:", np.array2string(R[np.tril_indices(3, -1)], precision=3))
     # around the true axis, of which the controls know the model: only the sizes are those of the fit
     paths = [f"plant.{name}" for name in PARAMETERS]
-    true = dict(fd.language.tree.leaves(loop.axis.plant))
+    true = dict(tree.leaves(loop.axis.plant))
     known = {path: share * float(true[name]) for path, name, share in zip(paths, PARAMETERS, shares, strict=True)}
     ties = {frozenset((paths[i], paths[j])): float(R[i, j]) for i in range(3) for j in range(i)}
     plain = Box(dead_time=asked.late, deviations=2.0)

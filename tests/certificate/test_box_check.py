@@ -25,7 +25,6 @@ from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.certificate import box_check, box_proof
 from feeddrive.certificate.box_proof import document, prove_over_box
-from feeddrive.language.errors import ParameterError
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.box import Box
 from feeddrive.loop.control import Control
@@ -100,8 +99,6 @@ def test_a_copy_of_the_checker_alone_proves_a_file(motor: Document, tmp_path: Pa
     outcome = check.run(CheckRequest(file))
     assert outcome.result is False
     assert "its digest is another one" in str(outcome.tables[-1])
-    with pytest.raises(ParameterError, match="this is a proof over a box: leave it out"):
-        check.run(CheckRequest(file, machine="linear_motor"))
 
 
 def scaled(path: str, factor: float) -> Callable[[Document], None]:
@@ -362,6 +359,26 @@ def test_directions_are_those_of_the_checker() -> None:
     for code, vector in zip(codes.tolist(), vectors, strict=True):
         x, y = box_check.direction(code, box_proof._AROUND)
         assert complex(x, y) / abs(complex(x, y)) == pytest.approx(vector, abs=1e-14)
+
+
+def test_a_file_is_compared_with_its_machine_file(tmp_path: Path) -> None:
+    """The checker takes plants and control from the file; `check --machine` computes both again."""
+    certify.run(CertifyRequest("linear_motor", box="mass=0.1", arithmetic="float32", out=tmp_path / "proof"))
+    file = tmp_path / "proof" / "box_proof.json"
+    outcome = check.run(CheckRequest(file, machine="linear_motor"))
+    assert outcome.result is True
+    assert [row[1] for row in outcome.tables[-1].rows] == ["holds"] * 3
+    content = json.loads(file.read_text(encoding="utf-8"))
+    # claims that are true, of another machine
+    for change, link in ((scaled("uncertain.0.to", 0.99), "plants"), (scaled("control.A.1.1", 1.0 - 1e-6), "control")):
+        changed = deepcopy(content)
+        change(changed)
+        file.write_text(json.dumps(signed(changed)), encoding="utf-8")
+        outcome = check.run(CheckRequest(file, machine="linear_motor"))
+        assert outcome.result is False
+        broken = [row for row in outcome.tables[-1].rows if row[1] == "BROKEN"]
+        assert len(broken) == 1
+        assert broken[0][0].endswith(f": {link}")
 
 
 def test_too_many_cells_for_a_file_are_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

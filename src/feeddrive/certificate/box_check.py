@@ -236,8 +236,9 @@ def bodies_of(document: Mapping[str, Any], readings: Sequence[str]) -> Bodies:
     stated = plant["current_loop_rad_s"]
     lag = None if stated is None else number(stated, "current_loop_rad_s") * T
     need(lag is None or lag > Fraction(1, 1000), "current_loop_rad_s must be above a thousandth of the sample rate")
-    rows_ = [row(plant["readings"][name], n, name) for name in readings]
-    return Bodies(T, *parts, row(plant["force"], n, "force"), rows_, parameters, delay, lag)
+    seen = [row(plant["readings"][name], n, name) for name in readings]
+    M, C, K = parts
+    return Bodies(T, M, C, K, row(plant["force"], n, "force"), seen, parameters, delay, lag)
 
 
 # whole numbers in units of 2^-BITS
@@ -286,7 +287,9 @@ class Line(NamedTuple):
 
     def minus(self, other: "Line") -> "Line":
         """Return the difference."""
-        return Line(*(x - y for x, y in zip(self[:4], other[:4], strict=True)), self.rest + other.rest)
+        a, b = self, other
+        slope_re, slope_im = a.slope_re - b.slope_re, a.slope_im - b.slope_im
+        return Line(a.re - b.re, a.im - b.im, slope_re, slope_im, a.rest + b.rest)
 
 
 class Ball(NamedTuple):
@@ -613,7 +616,7 @@ def halved(corners: Sequence[Corner], bit: int) -> tuple[list[Corner], list[Corn
 
 
 def tree_holds(
-    tree: Sequence[int], low: int, high: int, cells: Cells, frequencies: Frequencies, around: int, what: str
+    tree: Sequence[Any], low: int, high: int, cells: Cells, frequencies: Frequencies, around: int, what: str
 ) -> int:
     """Check the cells of one interval of frequency; return how many there are."""
     count, found = len(cells.bodies.parameters), 0

@@ -190,7 +190,7 @@ def _stated(axis: Axis, box: Box, readings: Sequence[str]) -> dict[str, Any]:
     mechanics, count = axis.mechanics(), len(dimensions)
     middle = matrices([0.0] * count)
     parameters: list[dict[str, Any]] = []
-    M, K = middle[0], middle[2]
+    left = {"mass": middle[0], "damping": middle[1], "stiffness": middle[2]}
     for i, d in enumerate(dimensions):
         # twice the value: a difference over a narrow box would consist of rounding
         far = matrices([1.0 / d.spread if i == j else 0.0 for j in range(count)])
@@ -205,28 +205,30 @@ def _stated(axis: Axis, box: Box, readings: Sequence[str]) -> dict[str, Any]:
         vector = np.array([float(format(x, _SHORT)) for x in vector])
         factor = float(format(part[j, j], _SHORT))
         added = d.value * factor * np.outer(vector, vector)
-        M, K = (M - added, K) if sizes[0] > sizes[1] else (M, K - added)
+        matrix = "mass" if sizes[0] > sizes[1] else "stiffness"
+        left[matrix] = left[matrix] - added
         parameters.append(
             {
                 "name": d.path,
                 "unit": d.unit,
                 "from": d.at(-1.0),
                 "to": d.at(1.0),
-                "adds_to": "mass" if sizes[0] > sizes[1] else "stiffness",
+                "adds_to": matrix,
                 "factor": factor,
                 "vector": vector.tolist(),
             }
         )
-    M, K = short(M, float(np.max(np.abs(middle[0])))), short(K, float(np.max(np.abs(middle[2]))))
+    for matrix, whole in zip(left, middle, strict=True):
+        left[matrix] = short(left[matrix], float(np.max(np.abs(whole))))
     for place in product((-1.0, 1.0), repeat=count):
         there = matrices(place)
-        for k, name, rest in ((0, "mass", M), (1, "damping", middle[1]), (2, "stiffness", K)):
-            stated, size = rest.copy(), np.abs(rest)
+        for actual, (name, rest) in zip(there, left.items(), strict=True):
+            found, size = rest.copy(), np.abs(rest)
             for u, p in zip(place, parameters, strict=True):
                 if p["adds_to"] == name:
                     term = p["from" if u < 0.0 else "to"] * p["factor"] * np.outer(p["vector"], p["vector"])
-                    stated, size = stated + term, size + np.abs(term)
-            if np.any(np.abs(there[k] - stated) > _STATED * np.maximum(size, np.max(np.abs(there[k])))):
+                    found, size = found + term, size + np.abs(term)
+            if np.any(np.abs(actual - found) > _STATED * np.maximum(size, np.max(np.abs(actual)))):
                 raise ParameterError(_not_affine(axis, f"a parameter enters its {name} matrix with more than rank one"))
     seen = _seen(axis)
     shape = np.array(mechanics.shape, float)
@@ -234,9 +236,7 @@ def _stated(axis: Axis, box: Box, readings: Sequence[str]) -> dict[str, Any]:
     return {
         "uncertain": parameters,
         "plant": {
-            "mass": M.tolist(),
-            "damping": middle[1].tolist(),
-            "stiffness": K.tolist(),
+            **{name: rest.tolist() for name, rest in left.items()},
             "force": shape[mechanics.drive].tolist(),
             "readings": {reading: shape[seen[reading]].tolist() for reading in readings},
             "dead_time_s": float(axis.actuator.dead_time),
@@ -498,6 +498,7 @@ class BoxProof(Result):
     reason    the reason why it is not proven, as a clause; empty if it is proven
     cells     cells of plants and frequencies that were examined
     corners   corners of these cells, of which `WORK` are examined at most
+    arithmetic, velocity   arithmetic of the coefficients, and the velocity in m/s at which friction is linearized
     stated    what a second program needs to check the proof (`document`); None if it is not proven, or if there are so
               many cells that they were not kept
     """
@@ -512,6 +513,8 @@ class BoxProof(Result):
     reason: Text
     cells: int
     corners: int
+    arithmetic: str = "float64"
+    velocity: float = 0.05
     stated: Mapping[str, Any] | None = None
 
     @property
@@ -544,6 +547,8 @@ class BoxProof(Result):
         """Return the result as plain values for JSON."""
         return {
             "box": str(self.box),
+            "arithmetic": self.arithmetic,
+            "velocity_m_s": self.velocity,
             "parameters": self.text,
             "claim": self.claim,
             "verdict": self.verdict,
@@ -553,6 +558,21 @@ class BoxProof(Result):
             "cells": self.cells,
             "corners": {"examined": self.corners, "most": int(WORK)},
         }
+
+
+def stated(loop: Loop, box: Box, model: StateSpace) -> dict[str, Any]:
+    """Return the plants and the control of a proof over a box as its file states them.
+
+    model  the deployed control, from its readings to the force
+
+    Raises ParameterError for a plant whose parameters do not enter with a matrix of rank one each.
+    """
+    return {
+        "sample_time_s": float(loop.sample_time),
+        "late_samples": box.dead_time,
+        **_stated(loop.axis, box, model.inputs),
+        "control": {"readings": list(model.inputs), **{name: getattr(model, name).tolist() for name in "ABCD"}},
+    }
 
 
 def document(proof: BoxProof, machine: Mapping[str, str] | None = None) -> dict[str, Any]:
@@ -606,7 +626,7 @@ def prove_over_box(
         )
     prover = Prover(loop, box, model, 0.0 if sensitivity_peak is None else 1.0 / sensitivity_peak)
     _check_model(prover, loop, box, velocity)
-    search = _Search(prover, loop, box, model, sensitivity_peak, velocity)
+    search = _Search(prover, loop, box, model, sensitivity_peak, arithmetic, velocity)
     search.corners()
     search.run(grid, work)
     return search.result(grid)
@@ -623,10 +643,17 @@ class _Search:
     """The halving of cells until each is proven, one is found that cannot be, or the work is used up."""
 
     def __init__(
-        self, prover: Prover, loop: Loop, box: Box, model: StateSpace, bound: float | None, velocity: float
+        self,
+        prover: Prover,
+        loop: Loop,
+        box: Box,
+        model: StateSpace,
+        bound: float | None,
+        arithmetic: str,
+        velocity: float,
     ) -> None:
         self.prover, self.loop, self.box, self.model = prover, loop, box, model
-        self.bound, self.velocity = bound, velocity
+        self.bound, self.arithmetic, self.velocity = bound, arithmetic, velocity
         self.cells = self.examined = 0
         self.trees = _Trees()
         self.proven: bool | None = True
@@ -739,13 +766,7 @@ class _Search:
         if not self.proven or self.cells > _RECORDED:
             return None
         return {
-            "sample_time_s": self.prover.T,
-            "late_samples": self.box.dead_time,
-            **_stated(self.loop.axis, self.box, self.model.inputs),
-            "control": {
-                "readings": list(self.model.inputs),
-                **{name: getattr(self.model, name).tolist() for name in "ABCD"},
-            },
+            **stated(self.loop, self.box, self.model),
             "frequencies_rad_s": [0.0, *grid[:, 1].tolist()],
             "directions": _AROUND,
             "trees": list(self.trees.texts(len(grid) * (self.box.dead_time + 1))),
@@ -766,6 +787,8 @@ class _Search:
             self.reason,
             self.cells,
             self.examined,
+            self.arithmetic,
+            self.velocity,
             self._stated(grid),
         )
 
