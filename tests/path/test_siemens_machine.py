@@ -311,6 +311,11 @@ def test_a_call_repeats_9999_times_at_most(tmp_path: Path) -> None:
     assert "P repeats a call 1 to 9999 times, not 10000" in refused(tmp_path, text.format(10000))
 
 
+def test_nested_repeats_count_as_lines_that_are_read_again(tmp_path: Path) -> None:
+    text = "L1 P99\nM30\n%_N_L1_SPF\nL2 P99\nRET\n%_N_L2_SPF\nX=IC(1) F9\nRET\n"
+    assert "does a loop never end" in refused(tmp_path, text, most_again=5000)
+
+
 @pytest.mark.parametrize(("word", "stops"), [("M17", 1), ("M2", 1), ("RET", 0)])
 def test_only_ret_does_not_stop_the_path(word: str, stops: int, tmp_path: Path) -> None:
     found = moves(tmp_path, f"F900\nSTEP\nX5\nM30\n%_N_STEP_SPF\nX1\n{word}\n")
