@@ -325,7 +325,9 @@ def _matched(job: Job) -> list[str]:
     if machine is None or job.program is None or len(job.program.references) < 2:
         return []
     try:
-        return list(matched_dynamics(machine, tuple(job.program.references)).remarks())
+        # the lag of an angle and that of a length make no angle of a line
+        linear = job.program.kinematics is not None
+        return list(matched_dynamics(machine, None if linear else tuple(job.program.references)).remarks())
     except FeeddriveError:
         # a machine without a linear model already has a remark under its law
         return []
