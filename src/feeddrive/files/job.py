@@ -130,6 +130,15 @@ class Job(Result):
 
     instead: ClassVar[str] = "fd.run(job) runs a job; its loops stand by row in job.loops"
 
+    def require_axes(self, what: str) -> None:
+        """Raise ParameterError for a program that moves the tip of the tool; `what` works on each axis alone."""
+        if self.program is not None and self.program.moves_tip and self.program.file is not None:
+            raise ParameterError(
+                f"{self.file.name}: program.file = {self.program.file.name!r} moves the tip of the tool (G43.4, "
+                f"G43.5), and {what} corrects each axis along its own path: give a program of the joints; feeddrive "
+                "run judges the tip"
+            )
+
     def table(self) -> Table:
         """Tabulate the laws, one per row, starting with the existing one."""
         work = self.reference.kind if self.reference is not None else "-"

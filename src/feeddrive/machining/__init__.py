@@ -20,6 +20,7 @@ make_lazy(
         "part_run": "on_part Elements elements PartRun part_run",
         "regeneration": "Regeneration regeneration",
         "reversal": "Reversals reversals stick_time",
+        "tip_error": "TipError tip_error",
         "tool_point": "ToolMode ToolPoint tool_modes tool_point",
     },
 )

@@ -60,6 +60,7 @@ CHARTS = {
     "machining.load:AxisLoad": "machining:axis_load_chart",
     "machining.lobes:Lobes": "machining:lobes_chart",
     "machining.part_run:PartRun": "part_program:part_run_chart",
+    "machining.tip_error:TipError": "part_program:tip_error_chart",
     "machining.cutting_force:Surface": "curves:surface_chart",
     "machining.reversal:Reversals": "machining:reversals_chart",
     "path.planned:Planned": "part_program:planned_chart",
