@@ -81,8 +81,8 @@ class TipError(Result):
         return float(np.sqrt(np.sum(self.contour.weights * values**2)))
 
     def peak(self, values: np.ndarray) -> float:
-        """Return the largest size of values, on the samples that count; 0 if there are none."""
-        return float(np.max(np.abs(values[self.contour.counted]), initial=0.0))
+        """Return the largest size of values, shape (..., n), on the samples that count; 0 if there are none."""
+        return float(np.max(np.abs(values[..., self.contour.counted]), initial=0.0))
 
     def numbers(self) -> dict[str, float | None]:
         """Return the figures by name, in SI units."""
@@ -242,8 +242,8 @@ def jacobian(kinematics: Kinematics, position: np.ndarray) -> np.ndarray:
 def _instants(contour: ContourError, speed: np.ndarray, moves: np.ndarray) -> np.ndarray:
     """Return the time, in samples, at which the set tip was at the nearest point of each position, shape (n,).
 
-    Between two samples the set tip is taken as accelerated evenly.  Where it stands, it is the same instant: the
-    joints may turn there.
+    Between two samples the set tip is taken as accelerated evenly.  Where it stands, it is the same instant, and a
+    standstill before or after is not passed: the joints may turn there.
     """
     curve: Curve = contour.curve
     piece = np.clip(np.searchsorted(curve.along, contour.along, side="right") - 1, 0, len(curve.along) - 2)
@@ -258,7 +258,11 @@ def _instants(contour: ContourError, speed: np.ndarray, moves: np.ndarray) -> np
     waits = np.clip(now, curve.row[piece], begin)
     ended = np.clip(now, curve.row[-1], len(at) - 1.0)
     at = np.where(share <= 0.0, waits, np.where(contour.along >= curve.along[-1], ended, at))
-    return np.where(moves, at, now)
+    # the stretch without a standstill that a sample belongs to, with the samples at its ends
+    edges = np.flatnonzero(np.diff(moves, prepend=not moves[0], append=not moves[-1]))
+    stretch = np.searchsorted(edges, now, side="right") - 1
+    least, most = np.maximum(edges[stretch] - 1, 0), np.minimum(edges[stretch + 1], len(at) - 1)
+    return np.where(moves, np.clip(at, least, most), now)
 
 
 def _between(position: np.ndarray, velocity: np.ndarray, at: np.ndarray, T: float) -> np.ndarray:
