@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from feeddrive import plot
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import find_bundled
 from feeddrive.jobs.run_laws import JobResult, run_laws
 from feeddrive.language.errors import ParameterError, ProgramError
+from feeddrive.language.quantity import DRAWN
+from feeddrive.plot.drawing import drawn
 from feeddrive.workflow.learn import iterate
 from feeddrive.workflow.run_job import run
 from feeddrive.workflow.setpath import setpath
@@ -103,6 +106,21 @@ def test_figures_of_rotary_joints_are_in_their_units(ran: JobResult) -> None:
     assert "urad" in text
     assert "N m" in text
     assert "tool direction urad" in f"{ran.table()}"
+
+
+def test_the_charts_of_the_tip_show_its_error_and_the_part_of_each_joint(ran: JobResult) -> None:
+    tip = ran.parts["today"].tip
+    assert tip is not None
+    across, along, direction = tip.chart().shown(DRAWN).panels
+    assert np.max(across.curves[0].y) == pytest.approx(1e6 * tip.contour.largest)
+    assert np.max(np.abs(along.curves[0].y)) == pytest.approx(1e6 * tip.peak(tip.along))
+    assert direction.label == "direction\n(µrad)"
+    parts = plot.tip_joints_chart(tip).shown(DRAWN).panels
+    assert [panel.label for panel in parts] == [f"{letter}\n(µm)" for letter in "XYZAC"]
+    assert "lever arm up to" in parts[-1].caption
+    assert "lever arm" not in parts[0].caption
+    for made in (tip.chart(), plot.tip_joints_chart(tip)):
+        drawn(made)
 
 
 @pytest.mark.slow(reason="a report with all its pictures")

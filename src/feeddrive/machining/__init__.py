@@ -11,6 +11,7 @@ make_lazy(
         ),
         "contour": "ContourError contour_error",
         "cutting_force": "CuttingForces cutting_forces Surface feed_mark runout_mark scallop wall",
+        "held_tip": "HeldTip held_tip_test",
         "load": "AxisLoad MachineLoad SpindleLoad axis_load machine_load spindle_load",
         "lobes": (
             "ChatterSigns chatter_signs CutStability Lobes ZeroOrder cut_stability semi_discretisation "

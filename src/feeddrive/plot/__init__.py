@@ -25,8 +25,8 @@ make_lazy(
         ),
         "machining": (
             "axis_load axis_load_chart circle_causes circle_causes_chart circle_test circle_test_chart "
-            "circle_unrolled circle_unrolled_chart reversals reversals_chart chatter_signs chatter_signs_chart "
-            "lobes lobes_chart"
+            "circle_unrolled circle_unrolled_chart held_tip held_tip_chart reversals reversals_chart "
+            "chatter_signs chatter_signs_chart lobes lobes_chart"
         ),
         "over_frequency": (
             "bode bode_chart closed_loop closed_loop_chart open_loop open_loop_chart sensitivity "

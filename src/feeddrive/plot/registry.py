@@ -57,6 +57,7 @@ CHARTS = {
     "machining.circle_test:CircleCauses": "machining:circle_causes_chart",
     "machining.circle_test:CircleTest": "machining:circle_test_chart",
     "machining.contour:ContourError": "part_program:contour_chart",
+    "machining.held_tip:HeldTip": "machining:held_tip_chart",
     "machining.load:AxisLoad": "machining:axis_load_chart",
     "machining.lobes:Lobes": "machining:lobes_chart",
     "machining.part_run:PartRun": "part_program:part_run_chart",
