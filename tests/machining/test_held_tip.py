@@ -132,9 +132,20 @@ def test_what_cannot_be_read_is_refused(trunnion: MachineFile) -> None:
         test("A", begin=-1.0, end=0.25 * np.pi)
     with pytest.raises(ParameterError, match=r"are 57.3 deg apart, and mean and wave of a reading need 60 deg"):
         test(end=1.0)
-    with pytest.raises(ParameterError, match=r"the tip lies 0.5 mm from the axis of joint C, .* needs 1 mm: move it"):
-        test(tip=(0.0005, 0.0, 0.0))
     with pytest.raises(ParameterError, match=r"speed = 0.0 rad/s must be > 0"):
         test(speed=0.0)
     with pytest.raises(ProgramError, match="joint X would go to"):
         test(tip=(0.3, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("radius", "fine"), [(0.0007, False), (0.0015, True)])
+def test_a_tip_within_a_millimeter_of_the_axis_has_no_radial_direction(
+    trunnion: MachineFile, radius: float, fine: bool
+) -> None:
+    assert trunnion.kinematics is not None
+    given = trunnion.machine(), trunnion.kinematics, planned_limits(trunnion, None), "C", (radius, 0.0, 0.0)
+    if fine:
+        assert held_tip_test(*given, end=1.1, speed=QUICK).lever == pytest.approx(radius)
+        return
+    with pytest.raises(ParameterError, match=r"the tip lies 0.7 mm from the axis of joint C, .* needs 1 mm: move it"):
+        held_tip_test(*given, end=1.1, speed=QUICK)

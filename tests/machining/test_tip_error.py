@@ -219,3 +219,16 @@ def test_while_the_tip_stands_the_direction_is_that_of_the_same_instant() -> Non
     assert result.direction[still] == pytest.approx(np.abs(100e-6 * np.sin(a[still])), rel=1e-6)
     # the whole turn is 1 rad: the direction belongs to the place before and behind it, too
     assert result.peak(result.direction) < 110e-6
+
+
+@pytest.mark.parametrize(("speed", "moves"), [(7e-7, False), (1.5e-6, True)])
+def test_a_tip_slower_than_a_micrometer_per_second_stands(speed: float, moves: bool) -> None:
+    """Its path then has no direction along which it could be behind."""
+    time = T * np.arange(400)
+    wanted = tuple(np.zeros((5, 400)) for _ in range(3))
+    wanted[0][0], wanted[1][0] = speed * time, speed
+    actual = wanted[0].copy()
+    actual[0] -= 1e-6
+    result = judged(KINDS["trunnion"], actual, wanted, inside(400))
+    assert result.along[200] == pytest.approx(-1e-6 if moves else 0.0, rel=1e-9)
+    assert result.across[200] == pytest.approx(0.0 if moves else 1e-6, abs=1e-15)
