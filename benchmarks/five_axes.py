@@ -4,7 +4,8 @@
     python benchmarks/five_axes.py --write src/feeddrive/files/bundled/programs
 
 The parts are formulas.  `--write` writes them as part programs with G43.4, as a postprocessor does: four decimals of mm
-and degrees; the S curve also with the directions of the tool (G43.5), for machines with other joints.  "Posted" is the same part as a program of the joints, with a feed in each block that moves the tip at F.
+and degrees; the S curve also with the directions of the tool (G43.5), for machines with other joints.  "Posted" is the
+same part as a program of the joints, with a feed in each block that moves the tip at F.
 
 S curve  a wave of 150 mm by 70 mm with the tool tilted by 7 to 27 degrees, whose table follows the tangent.  It has the
          idea of the S-shaped test piece of ISO 10791-7, axes that reverse while the tip runs evenly; it is not that
