@@ -57,8 +57,7 @@ def by_formula(joints: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> JobResult:
-    text = f'{JOB}[[law]]\nname = "soft table"\nset = {{ "axis.c.control.law.Kv" = 20.0 }}\n'
-    return run_laws(read_job(job(tmp_path_factory.mktemp("job"), text)))
+    return run_laws(read_job(job(tmp_path_factory.mktemp("job"))))
 
 
 def test_the_tip_of_a_run_is_that_of_its_joints_by_the_formula_of_the_machine(ran: JobResult) -> None:
@@ -81,8 +80,10 @@ def test_the_tip_of_a_run_is_that_of_its_joints_by_the_formula_of_the_machine(ra
     assert part.axes["c"].following_peak == pytest.approx(np.abs(together["c.following_error"]).max(), rel=1e-12)
 
 
-def test_a_soft_table_shows_at_the_tip_in_the_share_of_c(ran: JobResult) -> None:
-    today, soft = (part.tip for part in ran.parts.values())
+@pytest.mark.slow(reason="a run of two laws")
+def test_a_soft_table_shows_at_the_tip_in_the_share_of_c(tmp_path: Path) -> None:
+    text = f'{JOB}[[law]]\nname = "soft table"\nset = {{ "axis.c.control.law.Kv" = 20.0 }}\n'
+    today, soft = (part.tip for part in run_laws(read_job(job(tmp_path, text))).parts.values())
     assert today is not None
     assert soft is not None
     of_c = [next(joint for joint in tip.joints if joint.letter == "C") for tip in (today, soft)]

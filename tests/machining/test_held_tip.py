@@ -8,7 +8,7 @@ import pytest
 from feeddrive.files.machine import MachineFile, planned_limits, read_machine
 from feeddrive.language.errors import ParameterError, ProgramError
 from feeddrive.language.quantity import DRAWN
-from feeddrive.machining.held_tip import DIRECTIONS, HeldTip, held_tip_test
+from feeddrive.machining.held_tip import DIRECTIONS, HeldTip, _directions, held_tip_test
 from feeddrive.machining.pivots import PivotError
 from feeddrive.plot.drawing import drawn
 
@@ -84,6 +84,7 @@ def test_the_loops_add_the_same_whatever_the_axes_are_off(shifted: HeldTip, exac
     assert set(np.unique(exact.way)) == {-1, 0, 1}
 
 
+@pytest.mark.slow(reason="six more runs of the machine: their closed forms alone stand in test_pivots.py")
 def test_a_tilt_of_c_shows_in_the_axial_reading_with_the_radius(trunnion: MachineFile) -> None:
     alpha = 40e-6
     result = held(trunnion, "C", {"C": PivotError(tilt=(alpha, 0.0, 0.0))})
@@ -92,6 +93,7 @@ def test_a_tilt_of_c_shows_in_the_axial_reading_with_the_radius(trunnion: Machin
     assert waves(result) == pytest.approx([alpha * 0.06, alpha * 0.06, alpha * 0.05], rel=1e-3)
 
 
+@pytest.mark.slow(reason="three more runs of the machine, as above")
 @pytest.mark.parametrize(
     ("shift", "wave"), [((7e-6, 0.0, 0.0), 0.0), ((0.0, 8e-6, 0.0), 8e-6), ((0.0, 3e-6, -4e-6), 5e-6)]
 )
@@ -103,6 +105,7 @@ def test_a_shift_of_a_shows_across_its_axis(
     assert waves(result) == pytest.approx([wave, wave, 0.0], abs=1e-12)
 
 
+@pytest.mark.slow(reason="another run of the machine, as above")
 def test_an_error_of_the_other_joint_does_not_show_while_it_stands(trunnion: MachineFile) -> None:
     result = held(trunnion, "C", {"A": PivotError(shift=(0.0, 20e-6, 20e-6))}, held=0.0)
     # the axis of A stands: all it does is to move the tip as a whole, which the set-up takes out
@@ -149,3 +152,31 @@ def test_a_tip_within_a_millimeter_of_the_axis_has_no_radial_direction(
         return
     with pytest.raises(ParameterError, match=r"the tip lies 0.7 mm from the axis of joint C, .* needs 1 mm: move it"):
         held_tip_test(*given, end=1.1, speed=QUICK)
+
+
+def test_the_directions_are_those_of_the_joint_and_right_handed(trunnion: MachineFile) -> None:
+    """C at 0: away from Z, along its turn, and up; A at 90 degrees: the workpiece has turned, its axis has not."""
+    assert trunnion.kinematics is not None
+    linear = trunnion.kinematics.linear((0.04, 0.03, 0.02), (0.0, 0.0))
+    found, lever = _directions(trunnion.kinematics, "C", np.array([*linear, 0.0, 0.0])[:, None])
+    assert lever == pytest.approx(0.05, rel=1e-12)
+    assert found[..., 0] == pytest.approx(np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]), abs=1e-12)
+    # the axis of A lies 80 mm over the workpiece: at A = -90 degrees the tip is still 3, -6 from it there
+    linear = trunnion.kinematics.linear((0.04, 0.03, 0.02), (-0.5 * np.pi, 0.0))
+    found, lever = _directions(trunnion.kinematics, "A", np.array([*linear, -0.5 * np.pi, 0.0])[:, None])
+    away = np.array([0.0, 0.03, -0.06]) / np.hypot(0.03, 0.06)
+    assert lever == pytest.approx(np.hypot(0.03, 0.06), rel=1e-12)
+    assert found[..., 0] == pytest.approx(np.array([away, [0.0, -away[2], away[1]], [1.0, 0.0, 0.0]]), abs=1e-12)
+
+
+def test_both_ways_are_compared_without_their_ends() -> None:
+    """1 um apart in the outer hundredths, where the joint comes to rest, and 0.4 um between them."""
+    there = np.linspace(0.0, TURN, 2001)
+    angle, way = np.concatenate([there, there[::-1]]), np.repeat([1, -1], 2001)
+    apart = np.where(np.abs(angle - 0.5 * TURN) > 0.47 * TURN, 0.5e-6, 0.2e-6) * way
+    reading = np.stack([apart + 3e-6 * np.cos(angle - 0.7), apart, 0.0 * apart])
+    result = HeldTip("made", "C", TIP, 0.05, angle, way, reading, 0.0 * reading, 1e-3)
+    radial, _, axial = result.waves.values()
+    assert (radial.amplitude, radial.angle) == pytest.approx((3e-6, 0.7), rel=1e-3)
+    assert radial.hysteresis == pytest.approx(0.4e-6, rel=1e-6)
+    assert axial.width == 0.0

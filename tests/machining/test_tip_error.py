@@ -129,6 +129,10 @@ def test_the_parts_of_the_joints_make_up_the_error_to_first_order(name: str) -> 
         left.append(np.abs(np.sum(result.added, axis=0) - result.contour.error)[counted].max())
         assert sum(joint.share for joint in result.joints) == pytest.approx(1.0, abs=1e-12)
     assert left[0] < 2e-9  # m: of errors of 1e-5 m and 1e-4 rad
+    # 20 ms late, too: the joints are judged where the tip is, not where it should be by now
+    late = judged(machine, joints_of(time - 0.02)[0] + errors(time), wanted, inside(600))
+    counted = late.contour.counted & (time > 0.05)
+    assert np.abs(np.sum(late.added, axis=0) - late.contour.error)[counted].max() < 4e-9
     assert left[1] > 30.0 * left[0]
 
 
@@ -232,3 +236,28 @@ def test_a_tip_slower_than_a_micrometer_per_second_stands(speed: float, moves: b
     result = judged(KINDS["trunnion"], actual, wanted, inside(400))
     assert result.along[200] == pytest.approx(-1e-6 if moves else 0.0, rel=1e-9)
     assert result.across[200] == pytest.approx(0.0 if moves else 1e-6, abs=1e-15)
+
+
+@pytest.mark.parametrize("name", ["table with offsets", "fork head"])
+def test_velocity_and_acceleration_of_the_tip_are_its_derivatives(name: str) -> None:
+    machine, time, step = KINDS[name], np.array([0.123]), 1e-4
+    _, velocity, acceleration = tip_motion(machine, *joints_of(time))
+    before, here, after = (path(machine, 0.123 + shift)[0] for shift in (-step, 0.0, step))
+    # m/s, m/s2: by differences, with an error of step² times 20 m/s3, and of 1e-16 m / step²
+    assert velocity[0] == pytest.approx((after - before) / (2.0 * step), abs=1e-6)
+    assert acceleration[0] == pytest.approx((after - 2.0 * here + before) / step**2, abs=1e-5)
+
+
+def test_the_tool_point_of_a_machine_with_geometry_errors_is_what_counts() -> None:
+    machine, time = KINDS["trunnion"], T * np.arange(300)
+    wanted = joints_of(time)
+    axes = machine.letters.lower()
+    signals = {
+        f"{axis}.set_{name}": rows[k]
+        for k, axis in enumerate(axes)
+        for name, rows in zip(("position", "velocity", "acceleration"), wanted, strict=True)
+    }
+    signals |= {f"{axis}.position_load": wanted[0][k] for k, axis in enumerate(axes)}
+    signals |= {f"tool.{axis}": wanted[0][k] + (3e-6 if axis == "z" else 0.0) for k, axis in enumerate("xyz")}
+    result = tip_error(Run("run", signals, T, 300), machine, axes, counted=inside(300))
+    assert np.hypot(result.along, result.across) == pytest.approx(3e-6, abs=1e-15)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from feeddrive.workflow.run_job import RunRequest
 from feeddrive.workflow.setpath import SetpathRequest
 
 _PROGRAM = "a part program, beside its job"
+_MOVES_TIP = re.compile(r"^G43\.[45]", re.MULTILINE)
 _RULE = "the control that was tuned on the page"
 
 
@@ -150,4 +152,4 @@ def _bundled(machine: MachineFile | None) -> list[str]:
     """Return the bundled part programs for a machine: those that move the tip of the tool need its kinematics."""
     paths = (BUNDLED / "programs").glob("*.ngc")
     five = machine is not None and machine.kinematics is not None
-    return sorted(path.name for path in paths if five or "G43.4" not in path.read_text(encoding="utf-8"))
+    return sorted(path.name for path in paths if five or not _MOVES_TIP.search(path.read_text(encoding="utf-8")))
