@@ -191,3 +191,17 @@ def test_corrections_of_the_path_of_each_axis_are_refused(tmp_path: Path) -> Non
         setpath(path, method="force")
     with pytest.raises(ParameterError, match=reason.format("learn --offsets")):
         iterate("trunnion_ac", job=(path,), offsets=True, trials=1)
+
+
+@pytest.mark.slow(reason="a run with a cut")
+def test_an_upright_cut_is_judged_at_the_tip_and_acts_on_the_linear_joints(tmp_path: Path) -> None:
+    part = "G21 G90 G94\nT1 M6\nS6000 M3\n(ap=1)\nG1 X5 Y2 F1200\nM2\n"
+    result = run_laws(read_job(job(tmp_path, JOB + TOOL, part)))
+    found = result.parts["today"]
+    assert found.tip is not None
+    assert found.cutting is not None
+    assert found.cutting.shape == (found.contour.time.size, 3)
+    assert found.cutting_rms is not None
+    assert found.cutting_rms > 1.0
+    # an upright tool over a table at rest: the tip is off by what X, Y and Z are off, and A and C at their levers
+    assert {joint.letter for joint in found.tip.joints if joint.tip_peak > 0.0} >= {"X", "Y"}
