@@ -11,7 +11,7 @@ import pytest
 from feeddrive import plot
 from feeddrive.files.job import read_job
 from feeddrive.files.machine import find_bundled
-from feeddrive.jobs.run_laws import JobResult, run_laws
+from feeddrive.jobs.run_laws import JobResult, _matched, run_laws
 from feeddrive.language.errors import ParameterError, ProgramError
 from feeddrive.language.quantity import DRAWN
 from feeddrive.plot.drawing import drawn
@@ -205,3 +205,14 @@ def test_an_upright_cut_is_judged_at_the_tip_and_acts_on_the_linear_joints(tmp_p
     assert found.cutting_rms > 1.0
     # an upright tool over a table at rest: the tip is off by what X, Y and Z are off, and A and C at their levers
     assert {joint.letter for joint in found.tip.joints if joint.tip_peak > 0.0} >= {"X", "Y"}
+
+
+def test_the_lag_of_an_angle_is_not_matched_with_that_of_a_length(tmp_path: Path) -> None:
+    machine = find_bundled("trunnion_ac", "machines").read_text(encoding="utf-8")
+    for axis, remarks in (("c", 0), ("y", 2)):
+        law = f'[axis.{axis}.control.law]\nkind = "cascade_ppi"\n'
+        assert law in machine
+        slow = machine.replace(law, f"{law}velocity_feedforward = 0.5\n")
+        (tmp_path / "m.toml").write_text(slow, encoding="utf-8")
+        read = read_job(job(tmp_path, JOB.replace("trunnion_ac", "m.toml"), "G21 G90\nG43.4 H0\nG1 X1 F600\nM2\n"))
+        assert len(_matched(read)) == remarks

@@ -445,9 +445,9 @@ def _laws(runs: Sequence[tuple[Entry, PartRun]]) -> Marked:
     for (entry, part), sizes in zip(runs, errors, strict=True):
         worst = next(iter(part.worst(1)), None)
         glitch = max((axis_errors.glitch for axis_errors in part.axes.values() if axis_errors.glitches), default=None)
-        row = [entry.name, *sizes, None if worst is None else worst.line, glitch, part.duty, part.load.energy()]
-        cells = [*row, *([part.cutting_rms] if cuts else [])]
-        rows.append([*cells, *_direction(part.tip)] if of_tip else cells)
+        row: list[Cell] = [entry.name, *sizes, None if worst is None else worst.line, glitch]
+        row += [part.duty, part.load.energy(), *([part.cutting_rms] if cuts else [])]
+        rows.append([*row, *_direction(part.tip)] if of_tip else row)
     # only the contour errors have a best cell: effort and energy are what they cost
     best = [min(range(len(rows)), key=sizes.__getitem__) for sizes in zip(*errors, strict=True)]
     title = (
