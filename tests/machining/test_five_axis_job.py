@@ -160,6 +160,16 @@ def test_an_upright_tool_may_cut_on_a_five_axis_machine(tmp_path: Path) -> None:
     assert any(cut.axial_depth > 0.0 for cut in read.program.cuts)
 
 
+def test_a_posted_program_is_judged_at_the_tip_of_the_machine_file(tmp_path: Path) -> None:
+    read = read_job(job(tmp_path, JOB, "G21 G90 F600\nG1 X1 A-5 C10\nM2\n"))
+    assert read.program is not None
+    assert not read.program.moves_tip
+    assert read.program.kinematics is not None
+    assert read.program.kinematics.tool == (0.0, 0.0, 0.0)
+    read.require_axes("setpath")
+    assert read_job("circle").program.kinematics is None  # type: ignore[union-attr]
+
+
 def test_the_tips_of_two_tools_are_refused_with_the_line_of_the_second(tmp_path: Path) -> None:
     (tmp_path / "tool.tbl").write_text("T1 P1 Z50\nT2 P2 Z60\n", encoding="utf-8")
     text, part = JOB + 'tools = "tool.tbl"\n', "G21 G90 F600\nG43.4 H1\nG1 X1\nG49\nG43.4 H{}\nG1 X2\nM2\n"
