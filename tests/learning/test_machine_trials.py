@@ -97,7 +97,7 @@ def test_the_run_of_one_axis():
 def test_errors_of_rotary_axes_are_shown_as_angles() -> None:
     errors = {"x": np.array([5e-6]), "c": np.array([7e-6])}
     text = f"{MachineTrials(errors, ((3e-6, 1e-6),), {}, read_machine('trunnion_ac').machine(), ()).table()}"
-    rows = {line.partition("  ")[0].strip(): line.split()[-1] for line in text.splitlines()[3:]}
-    assert rows["x: error RMS um"] == "5"
-    assert rows["c: error RMS urad"] == "7"
-    assert rows["contour error, largest um"] == "3"
+    rows = {line.partition("  ")[0]: line.split()[-2:] for line in text.splitlines()[3:]}
+    assert rows["x: error RMS"] == ["5", "um"]
+    assert rows["c: error RMS"] == ["7", "urad"]
+    assert rows["contour error, largest"] == ["3", "um"]

@@ -338,8 +338,7 @@ class MachineTrials(Result):
             largest, rms = np.transpose(self.contour)
             curves += [("contour error, largest", largest, "m", ""), ("contour error, RMS", rms, "m", "")]
         rows = [
-            [f"{name} {unit_name(unit, shown)}", *(Quantity(value, unit, form=shown, bare=True) for value in values)]
-            for name, values, unit, shown in curves
+            [name, *(Quantity(value, unit, form=shown) for value in values)] for name, values, unit, shown in curves
         ]
         heads = ["run", *(str(j + 1) for j in range(runs))]
         return Table(f"{runs} runs of the same motion on {', '.join(self.error)}", heads, rows)
