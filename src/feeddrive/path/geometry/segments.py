@@ -377,7 +377,7 @@ class Chain(NamedTuple):
     weights    the length by which one m or rad of each axis was multiplied, m, shape (N,); None: 1 (no rotary axis)
     tip        the tool whose tip the segments move, and whose speed is their feed; None: they move the axes
     turns      True if the tip stands, so that the feed is that of the angles, rad/s
-    chords     largest distance of chords from the splines for which they stand, m
+    chords     largest distance of chords from the splines for which they stand, next to each joint, m
     """
 
     segments: Pieces
@@ -387,11 +387,14 @@ class Chain(NamedTuple):
     weights: np.ndarray | None = None
     tip: TipColumns | None = None
     turns: bool = False
-    chords: float = 0.0
+    chords: Sequence[float] = ()
 
 
 class _Segment(NamedTuple):
-    """A row of `Pieces`, with path mode and tolerance (m) of its joints; a line has no shape, only its displacement."""
+    """A row of `Pieces`, with path mode and tolerance (m) of its joints; a line has no shape, only its displacement.
+
+    chord  distance from the spline for which it stands, m
+    """
 
     kind: int
     length: float
@@ -402,6 +405,7 @@ class _Segment(NamedTuple):
     mode: str
     tolerance: float
     shape: np.ndarray | None = None
+    chord: float = 0.0
 
 
 class _Collected:
@@ -414,7 +418,7 @@ class _Collected:
         """Return the collected segments as a chain; unless it `ends`, the last one is retained for the next chain."""
         # the joint after the last segment depends on the next one
         count = len(self.rows) - (0 if ends else 1)
-        kind, length, start, way, feed, line, modes, tolerances, _ = zip(*self.rows, strict=True)
+        kind, length, start, way, feed, line, modes, tolerances, _, chord = zip(*self.rows, strict=True)
         origin = np.array(start[:count])
         shape = line_shapes(np.array(way[:count]))
         for k, row in enumerate(self.rows[:count]):
@@ -427,8 +431,10 @@ class _Collected:
         stricter = tolerance[1:] < tolerance[:-1]
         joints = [modes[k + 1] if k < len(stricter) and stricter[k] else modes[k] for k in range(count)]
         tolerance[:-1] = np.minimum(tolerance[:-1], tolerance[1:])
+        chords = np.array(chord)
+        chords[:-1] = np.maximum(chords[:-1], chords[1:])
         del self.rows[:count]
-        return Chain(pieces, tolerance[:count], ends, joints, weights)
+        return Chain(pieces, tolerance[:count], ends, joints, weights, chords=chords[:count].tolist())
 
 
 class _Feeds:
@@ -486,10 +492,8 @@ def chains(
     tip: TipColumns | None = None
     still = False  # True if the tip stands in the moves collected, while angles change at the feed
 
-    chords = 0.0
-
     def collect(ends: bool) -> Chain:
-        return collected.chain(ends, weights.values)._replace(tip=tip, turns=still, chords=chords)
+        return collected.chain(ends, weights.values)._replace(tip=tip, turns=still)
 
     for move in moves:
         if isinstance(move, Going):
@@ -510,8 +514,6 @@ def chains(
             if not collected.rows:
                 weights.begin()
             tolerance = weights.tolerance_of(turns)
-            if isinstance(move, Spline):
-                chords = max(chords, _CHORDS * tolerance)
             for segment in _segments(move, columns, weights.values, feeds, mode, tolerance):
                 if spending:
                     spending.move(move.source, segment.length / segment.speed, "F")
@@ -553,10 +555,10 @@ def chains(
 
 def _only_turns(move: Going) -> bool:
     """Return True for a feed that turns axes and leaves all others where they are."""
-    if not isinstance(move, Straight) or move.traverse:
+    if isinstance(move, Arc) or (isinstance(move, Straight) and move.traverse):
         return False
     # a change to the tip of the tool and back rounds positions
-    same = [abs(a - b) <= _STANDS for a, b in zip(move.start, move.end, strict=True)]
+    same = [all(abs(x - start) <= _STANDS for x in others) for start, *others in _coordinates(move)]
     return all(same[axis] for axes in _COUNTED[:2] for axis in axes) and not all(same)
 
 
@@ -608,7 +610,7 @@ def _spline(
             if length > 0.0:
                 begin = [*map(sum, zip(start, here.tolist(), strict=True))]
                 # the deviation of the chords is subtracted from the tolerance of the joints
-                yield _Segment(LINE, length, begin, way, speed, number, mode, tolerance - near)
+                yield _Segment(LINE, length, begin, way, speed, number, mode, tolerance - near, chord=near)
         elif whole > 0.0:
             for of, into in zip(shape, piece, strict=True):
                 part_of.python(of, k / count, 1.0 / count, into)
@@ -642,11 +644,16 @@ def _at(curve: _Bezier, x: float) -> np.ndarray:
 
 def _counted(move: Going) -> tuple[tuple[int, ...], bool]:
     """Return the axes to which the feed refers, and True if other axes move as well."""
-    moved = [move.start[axis] != move.end[axis] for axis in range(9)]
-    if not isinstance(move, Straight):
+    moved = [any(x != start for x in others) for start, *others in _coordinates(move)]
+    if isinstance(move, Arc):
         moved[:3] = True, True, True
     first = next((axes for axes in _COUNTED if any(moved[axis] for axis in axes)), _COUNTED[0])
     return first, any(moved[axis] for axis in range(9) if axis not in first)
+
+
+def _coordinates(move: Going) -> Iterator[tuple[float, ...]]:
+    """Yield the coordinates of each axis at the start, the control points of a spline, and the end of a move."""
+    return zip(move.start, *(move.points if isinstance(move, Spline) else ()), move.end, strict=True)
 
 
 def _polygon(points: np.ndarray) -> float:
