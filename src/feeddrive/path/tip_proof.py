@@ -12,7 +12,8 @@ it, plus that of p, which is 0 if p is a polynomial.
 The direction of the tool is that of the angles, and these are the ones of the joined path.  The angle between two
 directions is at most the distance of the rotary angles times the largest singular value of both axes of rotation,
 √(1 + |n1 · n2|).  The distance of the joined path from the program is bounded where it is joined
-(`geometry/joints.py`).
+(`geometry/joints.py`), and that of straight moves of the joints from an arc of directions where it is divided
+(`turning.py`).
 
 The feed of a paced piece bounds u'; the largest |p'| on it times this bound must not exceed the feed of the program.
 
@@ -93,16 +94,16 @@ class TipProver:
         """True if all pieces so far are proven."""
         return self._count == 0
 
-    def join(self, deviation: np.ndarray, chain: Chain) -> None:
-        """Take bounds on the distance of the joined path from the program next to joints, in the weighted coordinates
-        of a chain.
+    def join(self, deviation: np.ndarray, off: np.ndarray, chain: Chain) -> None:
+        """Take bounds next to joints: on the distance of the joined path from the program, in the weighted coordinates of
+        a chain, and on the angle between its directions and those of the program, rad.
         """
         assert chain.tip is not None
-        most = float(np.max(deviation, initial=0.0))
-        self._joined = max(self._joined, most)
+        self._joined = max(self._joined, float(np.max(deviation, initial=0.0)))
         if chain.weights is not None:
-            turned = most / float(np.min(chain.weights[list(chain.tip.rotary)]))
-            self._angle = max(self._angle, np.sqrt(1.0 + abs(chain.tip.kinematics.cosine_of_axes)) * turned)
+            turned = deviation / float(np.min(chain.weights[list(chain.tip.rotary)]))
+            angles = np.sqrt(1.0 + abs(chain.tip.kinematics.cosine_of_axes)) * turned + off
+            self._angle = max(self._angle, float(np.max(angles, initial=0.0)))
 
     def joints(self, section: Section, chain: Chain, tip: TipColumns) -> Section:
         """Map a section of a chain to the joints and prove it; raise ProgramError where a joint leaves its travel."""

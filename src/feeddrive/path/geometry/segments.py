@@ -17,6 +17,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from math import sqrt
 from typing import NamedTuple
 
@@ -27,6 +29,7 @@ from feeddrive.language.errors import ProgramError
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Records, rows_for, zeros
 from feeddrive.path.geometry.weights import ANGLE_TOLERANCE, ROTARY, Weights
+from feeddrive.path.kinematics import UnreachableError
 from feeddrive.path.motion import (
     ARC,
     LINE,
@@ -64,6 +67,7 @@ from feeddrive.path.program.moves import (
     ToolChange,
     ToolPoint,
 )
+from feeddrive.path.turning import in_plane
 
 _PARTS = 4  # parts of each half of a blend, whose hulls are computed separately
 _SEARCH = 30
@@ -378,6 +382,7 @@ class Chain(NamedTuple):
     tip        the tool whose tip the segments move, and whose speed is their feed; None: they move the axes
     turns      True if the tip stands, so that the feed is that of the angles, rad/s
     chords     largest distance of chords from the splines for which they stand, next to each joint, m
+    off        largest angle of the tool from its programmed direction, next to each joint, rad
     """
 
     segments: Pieces
@@ -388,12 +393,14 @@ class Chain(NamedTuple):
     tip: TipColumns | None = None
     turns: bool = False
     chords: Sequence[float] = ()
+    off: Sequence[float] = ()
 
 
 class _Segment(NamedTuple):
     """A row of `Pieces`, with path mode and tolerance (m) of its joints; a line has no shape, only its displacement.
 
     chord  distance from the spline for which it stands, m
+    off    angle of the tool from its programmed direction, rad
     """
 
     kind: int
@@ -406,6 +413,7 @@ class _Segment(NamedTuple):
     tolerance: float
     shape: np.ndarray | None = None
     chord: float = 0.0
+    off: float = 0.0
 
 
 class _Collected:
@@ -418,7 +426,7 @@ class _Collected:
         """Return the collected segments as a chain; unless it `ends`, the last one is retained for the next chain."""
         # the joint after the last segment depends on the next one
         count = len(self.rows) - (0 if ends else 1)
-        kind, length, start, way, feed, line, modes, tolerances, _, chord = zip(*self.rows, strict=True)
+        kind, length, start, way, feed, line, modes, tolerances, _, *errors = zip(*self.rows, strict=True)
         origin = np.array(start[:count])
         shape = line_shapes(np.array(way[:count]))
         for k, row in enumerate(self.rows[:count]):
@@ -431,10 +439,11 @@ class _Collected:
         stricter = tolerance[1:] < tolerance[:-1]
         joints = [modes[k + 1] if k < len(stricter) and stricter[k] else modes[k] for k in range(count)]
         tolerance[:-1] = np.minimum(tolerance[:-1], tolerance[1:])
-        chords = np.array(chord)
-        chords[:-1] = np.maximum(chords[:-1], chords[1:])
+        largest = np.array(errors)
+        largest[:, :-1] = np.maximum(largest[:, :-1], largest[:, 1:])
+        chords, off = largest[:, :count].tolist()
         del self.rows[:count]
-        return Chain(pieces, tolerance[:count], ends, joints, weights, chords=chords[:count].tolist())
+        return Chain(pieces, tolerance[:count], ends, joints, weights, chords=chords, off=off)
 
 
 class _Feeds:
@@ -513,8 +522,14 @@ def chains(
             stops = mode == "exact_stop"
             if not collected.rows:
                 weights.begin()
-            tolerance = weights.tolerance_of(turns)
-            for segment in _segments(move, columns, weights.values, feeds, mode, tolerance):
+            tolerance = weights.tolerance_of(turns, move.off)
+            if isinstance(move, Straight) and move.orientation != "axes" and turns and tip is not None:
+                segments = _turning(move, columns, weights, feeds, mode, tip)
+            else:
+                segments = _segments(move, columns, weights.values, feeds, mode, tolerance)
+            for segment in segments:
+                if move.off > segment.off:
+                    segment = segment._replace(off=move.off)
                 if spending:
                     spending.move(move.source, segment.length / segment.speed, "F")
                 collected.rows.append(segment)
@@ -580,6 +595,38 @@ def _segments(
         yield _Segment(ARC, length, start, way, feeds.speed(move, length), number, mode, tolerance, shape)
     else:
         yield from _spline(move, columns, weights, feeds, mode, tolerance)
+
+
+def _turning(
+    move: Straight, columns: Sequence[int], weights: Weights, feeds: _Feeds, mode: str, tip: TipColumns
+) -> Iterator[_Segment]:
+    """Yield a straight move of the tip in which the tool turns in a plane, as lines on which the joints move straight:
+    within a tenth of the tolerance of the direction.
+    """
+    kinematics, letters = tip.kinematics, tip.kinematics.rotary_letters
+    places = [_LETTERS.index(letter) for letter in letters]
+    begin, end = ([point[place] for place in places] for point in (move.start, move.end))
+    if not weights.angle:
+        reason = (
+            "the tool turns in a plane within a tolerance only, and here none is stated: write G64 P before, give "
+            "--tolerance, or turn it by axes"
+        )
+        raise _refused(move.source, reason)
+    try:
+        parts = in_plane(kinematics, begin, end, move.orientation, _CHORDS * weights.angle)
+    except UnreachableError as error:
+        raise _refused(move.source, str(error)) from None
+    # directions at both ends that are off move those between by more
+    off = parts.off + move.off / math.cos(0.5 * min(parts.angle, math.pi))
+    tolerance = weights.tolerance_of(True, off)
+    start, way = np.array(move.start), np.array(move.end) - np.array(move.start)
+    points = start + parts.share[:, None] * way
+    points[1:-1, places] = parts.rotary.T
+    points[-1] = move.end
+    for here, there in pairwise(points.tolist()):
+        part = replace(move, start=tuple(here), end=tuple(there))
+        for segment in _segments(part, columns, weights.values, feeds, mode, tolerance):
+            yield segment._replace(off=off)
 
 
 def _spline(

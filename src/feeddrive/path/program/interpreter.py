@@ -18,6 +18,7 @@ from typing import NamedTuple
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program import blocks
+from feeddrive.path.program.aiming import Turning
 from feeddrive.path.program.blocks import Block, BlockError, Line, LineReader, Parameters, Place, Step, Values
 from feeddrive.path.program.budget import MOST_AGAIN, MOST_AGAIN_AT_REST, MOST_COMMANDS
 from feeddrive.path.program.compensation import Compensation
@@ -872,6 +873,7 @@ class Interpreter:
     dialect      language of the program, a name in `DIALECTS`
     parameters   values of named parameters
     kinematics   kinematics of the machine, for G43.4 and G43.5
+    turning      how the tool then turns, where the program does not say
     """
 
     def __init__(
@@ -888,11 +890,13 @@ class Interpreter:
         kinematics: Kinematics | None = None,
         start: Sequence[float] = (0.0,) * 9,
         from_line: int = 0,
+        turning: Turning = Turning(),
     ) -> None:
         self._start, self._from_line = start, from_line
         self._dialect, self._rewrite = dialect, DIALECTS[dialect]
         self._parameters = Parameters(numbered)
         self._state = State(self._parameters, tables_inch, kinematics)
+        self._state.turning = turning
         self._tools = None if tools is None else dict(tools)
         self._skip_deleted = skip_deleted
         self._out: list[Command] = []
@@ -1024,6 +1028,8 @@ class Interpreter:
         command = Command(name, values, self._line)
         if self._state.compensation:
             self._state.compensation.take(command)
+        elif self._state.aiming.busy:
+            self._out += self._state.take(command)
         else:
             if len(self._out) >= MOST_COMMANDS:
                 raise BlockError(
