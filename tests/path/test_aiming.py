@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from feeddrive.language.errors import ProgramError
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.orientation import angle_between, choose_rotary
 from feeddrive.path.program import aiming
-from feeddrive.path.program.aiming import Turning
+from feeddrive.path.program.aiming import BY_AXES, Turning
 from feeddrive.path.program.moves import Arc, Feed, Message, Move, Straight
 from feeddrive.path.program.reading import read_program
 
@@ -20,15 +21,13 @@ TRUNNION = Kinematics.table_table("AC", workpiece=(0.0, 0.0, -0.08), reversed_jo
 NARROW = TRUNNION.with_travel({"A": (math.radians(-120.0), math.radians(30.0)), "C": (-math.pi, math.pi)})
 
 
-def moves(folder: Path, text: str, kinematics: Kinematics = TRUNNION, turning: Turning = Turning()) -> list[Move]:
+def moves(folder: Path, text: str, kinematics: Kinematics = TRUNNION, turning: Turning = BY_AXES) -> list[Move]:
     path = folder / "part.ngc"
     path.write_text(f"G21 G90 F1000 G64 P0.01\n{text}\nM2\n", encoding="utf-8")
     return list(read_program(path, kinematics=kinematics, turning=turning))
 
 
-def straight(
-    folder: Path, text: str, kinematics: Kinematics = TRUNNION, turning: Turning = Turning()
-) -> list[Straight]:
+def straight(folder: Path, text: str, kinematics: Kinematics = TRUNNION, turning: Turning = BY_AXES) -> list[Straight]:
     return [move for move in moves(folder, text, kinematics, turning) if isinstance(move, Straight)]
 
 
@@ -64,7 +63,7 @@ def test_blocks_without_a_direction_and_arcs_keep_it(tmp_path: Path) -> None:
     assert np.array_equal(ends[0], ends[2])
     assert np.array_equal(ends[3], ends[4])
     assert not np.array_equal(ends[2], ends[3])
-    assert all(np.array_equal(a.end, b.start) for a, b in zip(found, found[1:], strict=False))
+    assert all(np.array_equal(a.end, b.start) for a, b in pairwise(found))
 
 
 POLE = "G43.5 H0\nG0 X0 Z50 J0.02 K1\nG1 X1 J0.01 K1\nX2 J0.0001 K1\nX3 I0.0002 K1\nX4 I0.01 K1\nX5 I0.02 K1"

@@ -219,8 +219,8 @@ def _outward(low: Any, high: Any) -> Interval:
 
 
 class Majorant(Composite):
-    """Bounds on the magnitudes of all coefficients of a power series, `terms` of shape (order + 1, ...), that stay bounds
-    in sums, products, sine and cosine.
+    """Bounds on the magnitudes of all coefficients of a power series, `terms` of shape (order + 1, ...), that stay
+    bounds in sums, products, sine and cosine.
 
     Differences do not cancel: a bound is wide where the numbers are large, and costs a few operations.
     """

@@ -70,8 +70,8 @@ def choose_rotary(
     cone    half angle of the cone at the pole, rad: the orientation tolerance
     way     position of each block along the path, over which the free joint moves in the cone; absent: block by block
     speeds  speeds of the joints, by which their moves are compared
-    in_plane  True if the tool turns along the arc between two blocks: then a move leaves it that changes the branch other
-              than at the pole, or turns a joint by more than half a turn
+    in_plane  True if the tool turns along the arc between two blocks: then a move leaves it that changes the branch
+              other than at the pole, or turns a joint by more than half a turn
 
     Raises UnreachableError for a tool axis that the joints or their travel do not reach, and ParameterError for a way
     that goes back and for speeds that are not above 0.
@@ -244,7 +244,8 @@ class Rules(NamedTuple):
     middle    middle of the arc that leads to each block, shape (n, 3);  near  cosine of the largest angle from there
     endless   1 for a joint that turns without end, shape (2,)
     speeds    of the joints, shape (2,);  lift  cost of a move that leaves the arc
-    along     0 if the joints move straight to a block; if along the arc, 2 if it passes the pole, otherwise 1; shape (n,)
+    along     0 if the joints move straight to a block; if along the arc, 2 if it passes the pole, otherwise 1,
+              shape (n,)
     """
 
     terms: Floats2

@@ -95,8 +95,8 @@ class TipProver:
         return self._count == 0
 
     def join(self, deviation: np.ndarray, off: np.ndarray, chain: Chain) -> None:
-        """Take bounds next to joints: on the distance of the joined path from the program, in the weighted coordinates of
-        a chain, and on the angle between its directions and those of the program, rad.
+        """Take bounds next to joints: on the distance of the joined path from the program, in the weighted coordinates
+        of a chain, and on the angle between its directions and those of the program, rad.
         """
         assert chain.tip is not None
         self._joined = max(self._joined, float(np.max(deviation, initial=0.0)))

@@ -4,15 +4,15 @@ By axes both rotary joints move straight, and the direction leaves the plane of 
 
     g(s) = cos ψ a + sin ψ n        a the first direction, n the one across it in the plane, ψ from 0 to φ
 
-with ψ = φ s (plane), or tan ψ = s sin φ / (1 - s + s cos φ), by which the components move straight (vector).  The joints
-take the positions of g at some shares of the block and move straight between them.  Over a part of the block, with the
-tool axis t of the joints, the distance e = t - g is at most
+with ψ = φ s (plane), or tan ψ = s sin φ / (1 - s + s cos φ), by which the components move straight (vector).  The
+joints take the positions of g at some shares of the block and move straight between them.  Over a part of the block,
+with the tool axis t of the joints, the distance e = t - g is at most
 
     Σ |e_k| 2⁻ᵏ + M 2⁻⁶,  k = 0 .. 5        e_k the Taylor coefficients of e in the middle of the part
     M = (ρ |α|⁶ + (|α| + |β|)⁶ - |α|⁶ + |ψ|⁶) / 6!
 
-where α, β are the changes of the joint next to the workpiece and of the other one, ψ that of the angle of g, and ρ the
-largest sine of the angle between the tool and the axis of the first joint, the pole, about which alone α turns the tool.
+where α, β are the changes of the joint next to the workpiece and of the other one, ψ that of the angle of g, and ρ
+the largest sine of the angle between the tool and the axis of the first joint, the pole, about which α turns the tool.
 The rate of ψ by vector differs from a constant one by less than max |ψ''|/8.  Parts are halved until this is near.
 """
 
@@ -97,8 +97,9 @@ def _jumps(kinematics: Kinematics, before: np.ndarray, behind: np.ndarray, share
     return UnreachableError(
         Text(
             f"joint {kinematics.joints[joint].letter} would jump by {turned:deg} at {Quantity(100.0 * share):2} % of "
-            "this block, in which the tool turns in the plane of its directions at both ends: the branch changes there, "
-            "or a travel ends; turn the tool by axes, give other angles at the end, or lift the tool and write G0"
+            "this block, in which the tool turns in the plane of its directions at both ends: the branch changes "
+            "there, or a travel ends; turn the tool by axes, give other angles at the end, or lift the tool and write "
+            "G0"
         ),
         0,
     )

@@ -64,9 +64,13 @@ class Turning(NamedTuple):
     always: bool = False
 
 
+BY_AXES = Turning()
+"""Rotary joints that move straight, and no cone at the pole."""
+
+
 class _Aim(NamedTuple):
-    """A direction of the tool in the frame of the workpiece, shape (3, 1), the word of the program that gives it, and how
-    far it lies behind the one before along the path.
+    """A direction of the tool in the frame of the workpiece, shape (3, 1), the word of the program that gives it, and
+    how far it lies behind the one before along the path.
     """
 
     direction: np.ndarray

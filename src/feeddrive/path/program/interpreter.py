@@ -18,7 +18,7 @@ from typing import NamedTuple
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program import blocks
-from feeddrive.path.program.aiming import Turning
+from feeddrive.path.program.aiming import BY_AXES, Turning
 from feeddrive.path.program.blocks import Block, BlockError, Line, LineReader, Parameters, Place, Step, Values
 from feeddrive.path.program.budget import MOST_AGAIN, MOST_AGAIN_AT_REST, MOST_COMMANDS
 from feeddrive.path.program.compensation import Compensation
@@ -890,7 +890,7 @@ class Interpreter:
         kinematics: Kinematics | None = None,
         start: Sequence[float] = (0.0,) * 9,
         from_line: int = 0,
-        turning: Turning = Turning(),
+        turning: Turning = BY_AXES,
     ) -> None:
         self._start, self._from_line = start, from_line
         self._dialect, self._rewrite = dialect, DIALECTS[dialect]

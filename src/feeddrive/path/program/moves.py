@@ -188,8 +188,8 @@ def sweep(start: tuple[float, float], end: tuple[float, float], center: tuple[fl
 
 
 Orientation = Literal["axes", "plane", "vector"]
-"""How a tool turns between two directions: the rotary joints move straight; it stays in the plane of both directions, at
-a constant rate; or so that the components of its direction move straight, in this plane, too.
+"""How a tool turns between two directions: the rotary joints move straight; it stays in the plane of both, at a
+constant rate; or the components of its direction move straight, in this plane, too.
 """
 ORIENTATIONS: tuple[Orientation, ...] = get_args(Orientation)
 

@@ -23,7 +23,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program import blocks
-from feeddrive.path.program.aiming import Turning
+from feeddrive.path.program.aiming import BY_AXES, Turning
 from feeddrive.path.program.blocks import BlockError, Line, LineReader, Place
 from feeddrive.path.program.budget import MOST_AGAIN, check_lines
 from feeddrive.path.program.dialects import DialectName
@@ -319,7 +319,7 @@ def read_program(
     kinematics: Kinematics | None = None,
     start: Mapping[str, float] | None = None,
     from_line: int = 0,
-    turning: Turning = Turning(),
+    turning: Turning = BY_AXES,
 ) -> Generator[Move]:
     """Yield the moves of a part program (RS-274/NGC) in constant memory: m, rad, s, machine coordinates.
 
@@ -388,7 +388,7 @@ def read_commands(
     kinematics: Kinematics | None = None,
     start: Point | None = None,
     from_line: int = 0,
-    turning: Turning = Turning(),
+    turning: Turning = BY_AXES,
 ) -> Generator[Command]:
     """Yield the canonical commands of a part program, in its own units and coordinates; see `read_program`."""
     path = Path(program)

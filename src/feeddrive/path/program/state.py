@@ -16,7 +16,7 @@ import numpy as np
 from feeddrive.language.errors import FileError, shown
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.kinematics import Kinematics
-from feeddrive.path.program.aiming import Aiming, Turning
+from feeddrive.path.program.aiming import BY_AXES, Aiming
 from feeddrive.path.program.blocks import AXES, Block, BlockError, Parameters, name_of
 from feeddrive.path.program.compensation import Compensation
 from feeddrive.path.program.moves import ORIENTATIONS, Command, Orientation
@@ -141,7 +141,7 @@ class State:
         self.parameters = parameters
         self.kinematics, self.aims = kinematics, False
         self.tool_point: Kinematics | None = None
-        self.aiming, self.turning = Aiming(), Turning()
+        self.aiming, self.turning = Aiming(), BY_AXES
         self.orientation: Orientation = "axes"
         self.user_inch = user_inch
         self.inch = False
@@ -222,7 +222,7 @@ class State:
     # directions of the tool
 
     def aim(self, target: list[float], direction: Sequence[float], words: str) -> None:
-        """Let the next motion, to a target in program coordinates, end with a direction of the tool in these coordinates.
+        """Let the next motion, to a target, end with a direction of the tool, both in program coordinates.
 
         words  of the program that give the direction, such as I J K
 
