@@ -140,6 +140,10 @@ class Aiming:
             self._waiting.append((len(self._aims), command))
         else:
             self._ready.append(command)
+        return self.taken()
+
+    def taken(self) -> list[Command]:
+        """Return the commands that are finished."""
         ready, self._ready = self._ready, []
         return ready
 

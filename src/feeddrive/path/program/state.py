@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from feeddrive.path.program.blocks import AXES, Block, BlockError, Parameters, n
 from feeddrive.path.program.compensation import Compensation
 from feeddrive.path.program.moves import ORIENTATIONS, Command, Orientation
 from feeddrive.path.program.nurbs import Nurbs
+from feeddrive.path.program.siemens_splines import PointSpline
 
 _WORD = re.compile(r"([A-Za-z])([+-]?(?:\d+\.?\d*|\.\d+))\s*")
 _AXES = "XYZABCUVW"
@@ -117,6 +119,17 @@ def rotated(x: float, y: float, degrees: float) -> tuple[float, float]:
     return c * x - s * y, s * x + c * y
 
 
+class Names(NamedTuple):
+    """The words of a language of which the messages of all languages speak.
+
+    tool_point  from here on X Y Z are the tip of the tool
+    joints      ends it
+    """
+
+    tool_point: str = "G43.4, G43.5"
+    joints: str = "G49"
+
+
 class State:
     """The modal state of a program, and the position in program coordinates and in the program's length unit.
 
@@ -128,6 +141,7 @@ class State:
     compensation  the radius compensation, if it is on; `position` is then that of the programmed contour
     extruder_incremental  `incremental` for the axis U, which G90 and G91 set too, and M82 and M83 of a printer alone
     nurbs         the curve of G5.2 or G6.2 whose control points are being read
+    spline        the spline of SINUMERIK whose points are being read, or whose end waits for the next move
     leaving       the position of the tool's center between G40 and the next move; otherwise None
     kinematics    the kinematics of the machine, if it has any
     tool_point    the kinematics with the tool, while X Y Z are its tip in the frame of the workpiece; otherwise None
@@ -135,10 +149,18 @@ class State:
     aiming        the commands that wait for the rotary joints of their directions
     orientation   how the tool turns between two directions now
     turning       how the tool turns where the program does not say
+    names         words of the program's language in messages
     """
 
-    def __init__(self, parameters: Parameters, user_inch: bool, kinematics: Kinematics | None = None) -> None:
+    def __init__(
+        self,
+        parameters: Parameters,
+        user_inch: bool,
+        kinematics: Kinematics | None = None,
+        names: Names | None = None,
+    ) -> None:
         self.parameters = parameters
+        self.names = names or Names()
         self.kinematics, self.aims = kinematics, False
         self.tool_point: Kinematics | None = None
         self.aiming, self.turning = Aiming(), BY_AXES
@@ -174,6 +196,7 @@ class State:
         self.level: tuple[int, float] | None = None
         self.compensation: Compensation | None = None
         self.nurbs: Nurbs | None = None
+        self.spline: PointSpline | None = None
         self.leaving: list[float] | None = None
 
     # units
@@ -221,12 +244,13 @@ class State:
 
     # directions of the tool
 
-    def aim(self, target: list[float], direction: Sequence[float], words: str) -> None:
+    def aim(self, target: list[float], direction: Sequence[float], words: str, at_once: bool = False) -> None:
         """Let the next motion, to a target, end with a direction of the tool, both in program coordinates.
 
-        words  of the program that give the direction, such as I J K
+        words    of the program that give the direction, such as I J K
+        at_once  True if its rotary axes must be chosen now and not with those behind: on a curve that is not yet known
 
-        Its rotary axes are chosen later; under G93, where the feed depends on their way, at once.
+        Under G93, where the feed depends on their way, they are always chosen at once.
         Raises BlockError for a direction without length.
         """
         assert self.tool_point is not None
@@ -243,7 +267,7 @@ class State:
         machine = self.machine(self.position)
         start = [math.radians(machine[axis]) for axis in axes]
         shift = [math.radians(machine[axis] - self.position[axis]) for axis in axes]
-        at_once = self.feed_mode == 930
+        at_once = at_once or self.feed_mode == 930
         if at_once:
             self.settle()
         deviates = (
@@ -385,6 +409,7 @@ class State:
         }
 
 
+PATH_MODES = {610: "CANON_EXACT_PATH", 611: "CANON_EXACT_STOP", 640: "CANON_CONTINUOUS"}
 BY_CODE = {540: 1, 550: 2, 560: 3, 570: 4, 580: 5, 590: 6, 591: 7, 592: 8, 593: 9}
 
 
@@ -519,35 +544,40 @@ def end_tool_point(state: State, emit: Emit) -> None:
     if state.tool_point:
         state.settle()
         joints = through(state, state.tool_point, True)
-        state.tool_point, state.aims = None, False
+        state.tool_point, state.aims, state.orientation = None, False, "axes"
         state.position = state.program(joints)
         emit("TOOL_POINT", 0)
 
 
-def _begin_tool_point(state: State, block: Block, emit: Emit, tools: dict[int, Tool], code: int) -> None:
-    """Execute G43.4 or G43.5 with the tool H: from here on X Y Z are the tip of the tool in the frame of the workpiece,
-    whose place in the machine is that at rotary zero.  P: the tool turns by axes (0), in a plane (1), or by vector (2).
+def begin_tool_point(
+    state: State, emit: Emit, name: str, offset: Sequence[float], aims: bool, orientation: Orientation | None = None
+) -> None:
+    """Move the tip of the tool from here on: X Y Z are its place in the frame of the workpiece, whose place in the
+    machine is that at rotary zero.
+
+    name    word of the program
+    offset  offset of the tool, in the program's unit; all 0: the tool is that of the machine file
+    aims    True if blocks give the direction of the tool
+    orientation  how the tool turns; None: as where the program does not say
     """
-    name = name_of("g", code)
     if state.kinematics is None:
         raise BlockError(
             f"{name} moves the tip of the tool, and the machine has no kinematics: give the machine file a section "
             "[kinematics]",
             name,
         )
-    offset = [x / state.meters if axis in LINEAR else x for axis, x in enumerate(_of_table(state, block, tools, name))]
+    offset = [x / state.meters if axis in LINEAR else x for axis, x in enumerate(offset)]
     if any(offset[axis] for axis in range(9) if axis > 2):
         raise BlockError(f"the tool of {name} has an offset of another axis than X, Y and Z: take it out", "H")
     # a tool without an offset is that of the machine file
     kinematics = state.kinematics
     kinematics = replace(kinematics, tool=(-offset[0], -offset[1], -offset[2])) if any(offset) else kinematics
     tip = through(state, kinematics, False)
-    state.tool_point, state.aims = kinematics, code == 435
+    state.tool_point, state.aims = kinematics, aims
     state.tool_offset = [0.0] * 9
     state.position = state.program(tip)
     emit("TOOL_POINT", 1, *(offset[:3]))
-    chosen = block.whole("p", name, 0, 2, ORIENTATIONS.index(state.turning.orientation))
-    turn_by(state, emit, ORIENTATIONS[chosen])
+    turn_by(state, emit, orientation or state.turning.orientation)
 
 
 def turn_by(state: State, emit: Emit, orientation: Orientation) -> None:
@@ -555,6 +585,12 @@ def turn_by(state: State, emit: Emit, orientation: Orientation) -> None:
     state.settle()
     state.orientation = orientation
     emit("ORIENTATION", orientation)
+
+
+def set_tool_offset(state: State, emit: Emit, offset: Sequence[float]) -> None:
+    """Set the offset of the tool, in the program's unit; the machine does not move."""
+    state.keep_machine(tool_offset=offset)
+    emit("USE_TOOL_LENGTH_OFFSET", *offset)
 
 
 def _of_table(state: State, block: Block, tools: dict[int, Tool], name: str) -> list[float]:
@@ -574,11 +610,15 @@ def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], 
         end_tool_point(state, emit)
     elif state.tool_point:
         raise BlockError(
-            f"{name_of('g', code)} changes the tool while its tip is moved (G43.4, G43.5): write G49 in a line before",
+            f"{name_of('g', code)} changes the tool while its tip is moved ({state.names.tool_point}): write "
+            f"{state.names.joints} in a line before",
             name_of("g", code),
         )
     if code in (434, 435):
-        _begin_tool_point(state, block, emit, tools, code)
+        name = name_of("g", code)
+        # as in FANUC, where P1 is the control of the tool's posture
+        orientation = ORIENTATIONS[block.whole("p", name, 0, 2, ORIENTATIONS.index(state.turning.orientation))]
+        begin_tool_point(state, emit, name, _of_table(state, block, tools, name), code == 435, orientation)
         return
     offset = [0.0] * 9
     if code == 431:
@@ -592,8 +632,7 @@ def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], 
         offset = _of_table(state, block, tools, name_of("g", code))
         if code == 432:
             offset = [o + t for o, t in zip(offset, state.tool_offset, strict=True)]
-    state.keep_machine(tool_offset=offset)
-    emit("USE_TOOL_LENGTH_OFFSET", *offset)
+    set_tool_offset(state, emit, offset)
 
 
 def shift_axes(state: State, block: Block, emit: Emit, code: int) -> None:
