@@ -105,6 +105,10 @@ class TipProver:
             angles = np.sqrt(1.0 + abs(chain.tip.kinematics.cosine_of_axes)) * turned + off
             self._angle = max(self._angle, float(np.max(angles, initial=0.0)))
 
+    def pass_corner(self, tolerance: float) -> None:
+        """Take the tolerance of a corner at which runs of the joints may overlap, m, which their proof keeps."""
+        self._joined = max(self._joined, tolerance)
+
     def joints(self, section: Section, chain: Chain, tip: TipColumns) -> Section:
         """Map a section of a chain to the joints and prove it; raise ProgramError where a joint leaves its travel."""
         pieces = section.pieces if chain.weights is None else counted(section.pieces, 1.0 / chain.weights)

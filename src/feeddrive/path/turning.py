@@ -78,17 +78,18 @@ def in_plane(
     arc = _Arc.between(kinematics, a, b, how, 0.5 * near)
     count = math.ceil(max(reach, arc.angle, _LONGEST) / _LONGEST)
     share = np.linspace(0.0, 1.0, count + 1)
-    for halvings in range(_HALVINGS + 1):
+    halvings = 0
+    while True:
         rotary = arc.joints(a, b, share)
         distances = arc.distances(rotary, share)
         far = np.flatnonzero(~(distances <= near))
         if not far.size:
             return Parts(share, rotary[:, 1:-1], float(np.max(distances)), arc.angle)
         if halvings == _HALVINGS or share.size > _MOST:
-            break
+            k = int(far[np.argmax(distances[far])])
+            raise _jumps(kinematics, rotary[:, k], rotary[:, k + 1], float(share[k]))
+        halvings += 1
         share = np.sort(np.concatenate([share, 0.5 * (share[far] + share[far + 1])]))
-    k = int(far[np.argmax(distances[far])])
-    raise _jumps(kinematics, rotary[:, k], rotary[:, k + 1], float(share[k]))
 
 
 def _jumps(kinematics: Kinematics, before: np.ndarray, behind: np.ndarray, share: float) -> UnreachableError:

@@ -608,8 +608,8 @@ def _turning(
     begin, end = ([point[place] for place in places] for point in (move.start, move.end))
     if not weights.angle:
         reason = (
-            "the tool turns in a plane within a tolerance only, and here none is stated: write G64 P before, give "
-            "--tolerance, or turn it by axes"
+            "the tool turns in a plane within a tolerance only, and here none is stated: state one (G64 P, "
+            "--tolerance), or turn it by axes"
         )
         raise _refused(move.source, reason)
     try:
