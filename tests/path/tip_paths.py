@@ -108,7 +108,7 @@ def directions(draw: np.random.Generator, kinematics: Kinematics, count: int) ->
     Raises UnreachableError for directions that the machine does not have.
     """
     tilts = np.abs(draw.normal(size=count)) * draw.choice([1e-4, 0.05, 0.5])
-    turns = np.cumsum(draw.normal(size=count) * draw.choice([0.05, 1.0]))
+    turns = np.cumsum(draw.normal(size=count) * draw.choice([0.05, 0.4]))
     axis = np.array([np.sin(tilts) * np.cos(turns), np.sin(tilts) * np.sin(turns), np.cos(tilts)])
     return choose_rotary(kinematics, axis, in_plane=True).rotary.T
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +34,7 @@ from feeddrive.path.program.moves import Orientation
 
 TURN = 2.0 * math.pi
 _ORDER = 6  # of the rest
-_BY_VECTOR = 0.51  # φ²/8 + φ²/8 + max |ψ''|/8 over φ², for an angle of up to 0.2 rad
+_LITTLE = 0.2  # rad, change of the joints up to which a block is one part if second derivatives show it
 _LONGEST = 0.5  # rad, largest change of the joints on the first parts
 _HALVINGS, _MOST = 40, 4096  # largest numbers of halvings, and of parts of a block: what is not near then jumps
 _INSIDE = 1e-9  # rad beyond the end of a travel that still counts as its end
@@ -71,12 +72,18 @@ def in_plane(
     """
     a, b = np.array(begin, float), np.array(end, float)
     reach = float(np.abs(b - a).sum())
-    # most blocks turn by little: t'' is at most reach², and so is g''
-    off = (0.25 if how == "plane" else _BY_VECTOR) * reach * reach
-    if off <= min(near, 0.02):
+    # most blocks turn by little, and need no more
+    off = 0.25 * reach * reach + (_uneven(reach) if how == "vector" and reach < _LITTLE else 0.0)
+    if off <= near and reach < _LITTLE:
         return Parts(STRAIGHT.share, STRAIGHT.rotary, off, reach)
+    count = 1
+    if reach < _LITTLE:
+        off, angle = _of_little(kinematics, a, b, how)
+        if off <= near:
+            return Parts(STRAIGHT.share, STRAIGHT.rotary, off, angle)
+        count = math.ceil(math.sqrt(off / near)) if off < near * _MOST else 1
     arc = _Arc.between(kinematics, a, b, how, 0.5 * near)
-    count = math.ceil(max(reach, arc.angle, _LONGEST) / _LONGEST)
+    count = max(count, math.ceil(max(reach, arc.angle) / _LONGEST))
     share = np.linspace(0.0, 1.0, count + 1)
     halvings = 0
     while True:
@@ -90,6 +97,49 @@ def in_plane(
             raise _jumps(kinematics, rotary[:, k], rotary[:, k + 1], float(share[k]))
         halvings += 1
         share = np.sort(np.concatenate([share, 0.5 * (share[far] + share[far + 1])]))
+
+
+@lru_cache(16)
+def _terms(kinematics: Kinematics) -> np.ndarray:
+    return kinematics.axis_terms()
+
+
+def _of_little(kinematics: Kinematics, a: np.ndarray, b: np.ndarray, how: Orientation) -> tuple[float, float]:
+    """Bound the angle of straight joints from the arc over a whole block that turns by little, by second derivatives.
+
+    Returns it with φ, rad.  The second derivative of e is known in the middle, the third at most (|α| + |β|)³ + φ³.
+    """
+    terms, middle, way = _terms(kinematics), 0.5 * (a + b), b - a
+
+    def waves(angle: float) -> tuple[list[float], list[float], list[float]]:
+        c, s = math.cos(angle), math.sin(angle)
+        return [1.0, c, s], [0.0, -s, c], [0.0, -c, -s]
+
+    first, last = (np.outer(waves(x)[0], waves(y)[0]).ravel() @ terms for x, y in (a.tolist(), b.tolist()))
+    (x, dx, ddx), (y, dy, ddy) = (waves(angle) for angle in middle.tolist())
+    alpha, beta = way.tolist()
+    bend = alpha * alpha * np.outer(ddx, y) + 2.0 * alpha * beta * np.outer(dx, dy) + beta * beta * np.outer(x, ddy)
+    total = first + last
+    size = math.sqrt(float(total @ total))
+    angle = 2.0 * math.atan2(math.sqrt(float((last - first) @ (last - first))), size)
+    rest = bend.ravel() @ terms + angle * angle / size * total
+    most = math.sqrt(float(rest @ rest)) + 0.5 * ((abs(alpha) + abs(beta)) ** 3 + angle**3)
+    return (most / 8.0 + (_uneven(angle) if how == "vector" else 0.0)) * (1.0 + angle * angle), angle
+
+
+def _uneven(angle: float) -> float:
+    """Bound the distance of ψ by vector from φ s over a whole block, rad.
+
+    It is 0 at both ends and in the middle: at most max |s (s - 1/2) (s - 1)|/6 = 0.00802 times the third derivative,
+    with ψ' = sin φ/Q, Q = 1 - 2 k s (1 - s) >= cos² φ/2, k = 1 - cos φ, which is at most sin φ (4 k/Q² + 8 k²/Q³).
+    """
+    k, q = 2.0 * math.sin(0.5 * angle) ** 2, math.cos(0.5 * angle) ** 2
+    return 0.00802 * math.sin(angle) * (4.0 * k / q**2 + 8.0 * k * k / q**3)
+
+
+def _rate(angle: float) -> float:
+    """Bound |ψ''| by vector over an angle φ of the arc."""
+    return 4.0 * math.sin(angle) * math.sin(0.5 * angle) / math.cos(0.5 * angle) ** 3
 
 
 def _jumps(kinematics: Kinematics, before: np.ndarray, behind: np.ndarray, share: float) -> UnreachableError:
@@ -202,9 +252,7 @@ class _Arc(NamedTuple):
         rest = sine * alpha**_ORDER + (alpha + beta) ** _ORDER - alpha**_ORDER + np.abs(rate) ** _ORDER
         total += rest / (math.factorial(_ORDER) * 2.0**_ORDER)
         if self.how == "vector":
-            half = 0.5 * self.angle
-            bend = 4.0 * math.sin(self.angle) * math.sin(half) / math.cos(half) ** 3
-            total += bend / 8.0 * np.diff(share) ** 2
+            total += _rate(self.angle) / 8.0 * np.diff(share) ** 2
         return 2.0 * np.arcsin(np.minimum(1.0, 0.5 * total))
 
     def _places(self, share: np.ndarray) -> np.ndarray:
