@@ -14,7 +14,7 @@ from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program.moves import Arc, Begin, Message, Move, Spline, Stop, Straight, ToolPoint
 from feeddrive.path.program.reading import read_program
 
-TRUNNION = Kinematics.table_table("AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
+TRUNNION = Kinematics.of("table_table", "AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
 TABLE = "T1 P1 Z30 D6 ;MILL\nT2 P2 Z50 D10\n"
 
 
@@ -410,7 +410,7 @@ def test_traori_moves_the_tip_as_g43_4_does(tmp_path: Path, table: Path) -> None
 def test_another_edge_while_the_tip_is_moved_changes_its_length(tmp_path: Path, table: Path) -> None:
     """The joints stand still while D0 takes 50 mm of length away, and the tip in the frame of the workpiece moves."""
     text = "T2 M6 D1\nG0 A-90\nTRAORI\nMSG($AA_IW[Y])\nD0\nMSG($AA_IW[Y])\nX1\nM30\n"
-    kinematics = Kinematics.table_table("AC", tool_length=0.0)
+    kinematics = Kinematics.of("table_table", "AC", tool_length=0.0)
     told = [float(m.text) for m in moves(tmp_path, text, tools=table, kinematics=kinematics) if isinstance(m, Message)]
     assert abs(told[1] - told[0]) == pytest.approx(50.0, abs=1e-9)
 

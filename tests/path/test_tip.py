@@ -29,7 +29,7 @@ from feeddrive.path.setpoints import planned
 from feeddrive.path.tip_proof import TipProver, tip_bounds
 
 # a trunnion whose workpiece stands 80 mm below its axes; angles as in the formulas of `by_formula`
-TRUNNION = Kinematics.table_table("AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
+TRUNNION = Kinematics.of("table_table", "AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
 COLUMNS = TipColumns.of(TRUNNION, "XYZAC")
 LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3 + [[5.0, 30.0, 600.0, 3e5], [10.0, 50.0, 1000.0, 5e5]])
 
