@@ -407,6 +407,34 @@ def test_traori_moves_the_tip_as_g43_4_does(tmp_path: Path, table: Path) -> None
     assert points[0][0].tool == (0.0, 0.0, -0.05)
 
 
+@pytest.mark.parametrize(
+    ("word", "code", "how"),
+    [
+        ("ORIAXES", 0, "axes"),
+        ("ORIMKS", 0, "axes"),
+        ("ORIVECT", 1, "plane"),
+        ("ORIPLANE", 1, "plane"),
+        ("ORIWKS", 1, "plane"),
+    ],
+)
+def test_words_say_how_the_tool_turns(word: str, code: int, how: str, tmp_path: Path) -> None:
+    """As G43.5 with P does, before or behind TRAORI; the next word changes it."""
+    body = "G1 X1 {0}0.1 {1}0 {2}1 F900\nX2 {0}0.2 {1}0.1 {2}1\nX3\nX4 {0}0 {1}0.3 {2}1\n"
+    vector, ijk = body.format("A3=", "B3=", "C3="), body.format("I", "J", "K")
+    before = path_of(moves(tmp_path, f"{word}\nTRAORI\n{vector}TRAFOOF\nM30\n", kinematics=TRUNNION))
+    behind = path_of(moves(tmp_path, f"TRAORI {word}\n\n{vector}TRAFOOF\nM30\n", kinematics=TRUNNION))
+    other = path_of(native(tmp_path, f"G43.5 H0 P{code}\n\n{ijk}G49\nM2\n", kinematics=TRUNNION))
+    assert len(before) == len(other) == 4
+    for row in zip(before, behind, other, strict=True):
+        assert all(isinstance(move, Straight) and move.orientation == how for move in row)
+        for move in row[:2]:
+            np.testing.assert_array_equal(move.end, row[2].end)
+    both = path_of(
+        moves(tmp_path, f"TRAORI\n{word}\nG1 X1 B3=0.1 C3=1 F9\nORIAXES\nX2 B3=0 C3=1\nM30\n", kinematics=TRUNNION)
+    )
+    assert [move.orientation for move in both if isinstance(move, Straight)] == [how, "axes"]
+
+
 def test_another_edge_while_the_tip_is_moved_changes_its_length(tmp_path: Path, table: Path) -> None:
     """The joints stand still while D0 takes 50 mm of length away, and the tip in the frame of the workpiece moves."""
     text = "T2 M6 D1\nG0 A-90\nTRAORI\nMSG($AA_IW[Y])\nD0\nMSG($AA_IW[Y])\nX1\nM30\n"
@@ -430,6 +458,7 @@ def test_directions_turn_with_the_frame(tmp_path: Path) -> None:
         ("TRAORI\nSUPA Z0\n", "positions of the machine's axes do not go with TRAORI: write TRAFOOF"),
         ("TRAORI\nT1 M6\n", "M6 changes the tool while its tip is moved (TRAORI): write TRAFOOF in a line before"),
         ("T1 M6\nTRAORI\nG41 X1\n", "while the tip of a tilted tool is moved (TRAORI): write TRAFOOF before"),
+        ("ORIVECT ORIAXES\n", "ORIVECT and ORIAXES exclude each other"),
         ("TRAORI\nG1 LEAD=5 X1 F9\n", "this way to orient the tool"),
         ("TRANSMIT\n", "lathe work"),
     ],

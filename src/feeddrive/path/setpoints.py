@@ -87,6 +87,8 @@ def planned(
     overridden = None if override is None else Overridden(limits, override)
     joints: deque[str] = deque()  # path modes of the undecided joints
     modes: deque[str] = deque()  # path modes at the ends of runs not yet yielded
+    # at the undecided joints of a tip: distances of chords from their splines, m, and of directions, rad
+    errors: deque[tuple[float, float]] = deque()
     lines = _Lines()
 
     def leaving(parts: Iterable[Part | Pause]) -> Iterator[Part | Pause]:
@@ -129,7 +131,9 @@ def planned(
             if stop:
                 modes.append(mode)
         if of_tip is not None:
-            tip.join(joint.deviation, segments)
+            errors.extend(zip(segments.chords, segments.off, strict=True))
+            chords, off = np.array([errors.popleft() for _ in joint.stop]).reshape(-1, 2).T
+            tip.join(joint.deviation + chords, off, segments)
             sections = [tip.joints(section, segments, of_tip) for section in sections]
         if overridden is not None:
             parts = overridden.along(sections, segments.ends, whole[2] if whole else None)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import AXES, BlockError
+from feeddrive.path.program.moves import Orientation
 from feeddrive.path.program.siemens_flow import Call, SiemensFlow, program_name
 from feeddrive.path.program.siemens_splines import BEGINS, ENDS, KINDS
 from feeddrive.path.program.siemens_words import IGNORED, Values, ignored_g, refusal
@@ -38,7 +39,12 @@ _GROUPS: dict[str, tuple[int, ...]] = {
 _GROUP = {code: group for group, codes in _GROUPS.items() for code in codes}
 CURVES = {"CIP", "POLY", *KINDS}
 """The keywords of curves, which are modal as G0 to G3 are."""
-_KEYWORDS = {"SUPA", "FNORM", "DIAMOF", "RET", "STOPRE", "NORM", "KONT", "ORIAXES", "ORIMKS", "MCALL", *BEGINS, *ENDS}
+ORIENTATIONS: dict[str, Orientation] = {
+    **dict.fromkeys(("ORIAXES", "ORIMKS"), "axes"),
+    **dict.fromkeys(("ORIVECT", "ORIPLANE", "ORIWKS"), "plane"),
+}
+"""How the tool turns between two directions, by the word that says it."""
+_KEYWORDS = {"SUPA", "FNORM", "DIAMOF", "RET", "STOPRE", "NORM", "KONT", "MCALL", *ORIENTATIONS, *BEGINS, *ENDS}
 _WITH_ARGUMENTS = {"MSG", "CYCLE832", "CYCLE800", "CALL", "EXTCALL", "TRAORI", "TRAFOOF"}
 _FRAMES = {"TRANS", "ATRANS", "ROT", "AROT"}
 VECTOR = ("A3", "B3", "C3")
