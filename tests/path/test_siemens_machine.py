@@ -338,6 +338,7 @@ def test_only_ret_does_not_stop_the_path(word: str, stops: int, tmp_path: Path) 
         ("STEP\nM30\n%_N_STEP_SPF\nFOR R1=1 TO 2\nM17\n", "the program ends inside FOR"),
         ("DEF REAL A=1\nSTEP\nM30\n%_N_STEP_SPF\nX=A\n", "line 5, column 3: A: the variable A has no value here"),
         ("STEP\nM30\n%_N_STEP_SPF\nSTEP\n", "more than 50 deep"),
+        ("F9\nMCALL L10\nX1 M30\n%_N_L10_SPF\nZ1\n", "does not return in its block: use two lines"),
         ("L10 P0\nM30\n%_N_L10_SPF\nM17\n", "P repeats a call 1 to 9999 times, not 0"),
         ("GOTOF THERE\nM30\n%_N_L10_SPF\nTHERE: X1\n", "no label or block number THERE"),
         ("IF 0\nM30\n%_N_L10_SPF\nENDIF\n", "IF has no ELSE or ENDIF"),

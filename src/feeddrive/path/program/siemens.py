@@ -49,6 +49,7 @@ NAMES = Names("TRAORI", "TRAFOOF")
 _SPINDLE = {3: 1, 4: -1, 5: 0}
 _DELETED = re.compile(r"\s*/[0-9]?\s*")
 _RETURN = -1  # RET, besides the M codes that end a program
+_ENDS = frozenset({2, 17, 30, _RETURN})
 _DYNAMICS = {1: "_FINISH", 2: "_SEMIFIN", 3: "_ROUGH", 4: "_PRECISION"}
 
 
@@ -211,6 +212,8 @@ class SiemensInterpreter:
         if call:
             self._flow.call(call, "MCALL" in words.keywords)
         elif moved:
+            if stop in _ENDS and self._flow.modal:
+                raise BlockError("a motion behind which MCALL calls does not return in its block: use two lines", "M17")
             self._flow.moved()
         if stop is not None:
             self._stop(stop)

@@ -377,9 +377,14 @@ class SiemensFlow:
         """End the modal call (MCALL alone)."""
         self._modal = None
 
+    @property
+    def modal(self) -> bool:
+        """True if a call follows each block with a motion: MCALL is on, and its subprogram does not run."""
+        return self._modal is not None and not any(scope.modal for scope in self._scopes)
+
     def moved(self) -> None:
         """Call the modal subprogram behind a block with a motion, except in a block of this subprogram."""
-        if self._modal and not any(scope.modal for scope in self._scopes):
+        if self._modal and self.modal:
             self._enter(*self._modal, modal=True)
 
     def leave(self) -> bool:
