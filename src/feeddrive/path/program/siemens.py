@@ -250,7 +250,7 @@ class SiemensInterpreter:
     def _refuse_in_spline(self, words: Words) -> None:
         """Refuse what changes coordinates before the end of a spline is known."""
         codes = words.codes
-        named = [f"G{codes[group]}" for group in ("offset", "radius") if group in codes]
+        named = [f"G{codes[group]}" for group in ("offset", "radius") if codes.get(group, 40) != 40]
         named += words.frames + [word for word in words.keywords if word in ("TRAORI", "TRAFOOF")]
         named += ["M6"] if 6 in words.m_codes else ["D"] if "D" in words.values and words.tool is None else []
         if named:

@@ -14,7 +14,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import AXES, BlockError
 from feeddrive.path.program.moves import Orientation
-from feeddrive.path.program.siemens_flow import Call, SiemensFlow, program_name
+from feeddrive.path.program.siemens_flow import Call, SiemensFlow, is_flow, program_name
 from feeddrive.path.program.siemens_splines import BEGINS, ENDS, KINDS
 from feeddrive.path.program.siemens_words import IGNORED, Values, ignored_g, refusal
 from feeddrive.path.program.state import Emit
@@ -136,6 +136,16 @@ class BlockReader:
 
     def _subprogram(self, values: Values, words: Words, name: str, at: int) -> None:
         """Read the call of a subprogram: its name and its arguments."""
+        if is_flow(name):
+            raise values.fault(
+                f"{name} stands at the beginning of a line, behind N and a label: use two lines", at, name
+            )
+        if len(name) == 1:
+            raise values.fault(
+                f"the word {name} has no value: write it with a number, as {name}1 or {name}=1", at, name
+            )
+        if name.startswith("$"):
+            raise values.fault(f"the system variable {name} is a value: it stands behind =", at, name)
         try:
             self._flow.check_known(name)
         except BlockError as fault:

@@ -521,6 +521,11 @@ def without_comment(text: str) -> str:
     return text
 
 
+def is_flow(word: str) -> bool:
+    """Return True for a word of the control flow, such as WHILE."""
+    return bool(_FLOW.fullmatch(word))
+
+
 def program_name(text: str) -> str:
     """Return the name of a program in capitals, without the prefix _N_ and the suffix _SPF or .SPF.
 
