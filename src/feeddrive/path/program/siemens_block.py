@@ -137,13 +137,9 @@ class BlockReader:
     def _subprogram(self, values: Values, words: Words, name: str, at: int) -> None:
         """Read the call of a subprogram: its name and its arguments."""
         if is_flow(name):
-            raise values.fault(
-                f"{name} stands at the beginning of a line, behind N and a label: use two lines", at, name
-            )
+            raise values.fault(f"{name} stands at the beginning of a line: use two lines", at, name)
         if len(name) == 1:
-            raise values.fault(
-                f"the word {name} has no value: write it with a number, as {name}1 or {name}=1", at, name
-            )
+            raise values.fault(f"the word {name} has no value: write {name}1 or {name}=1", at, name)
         if name.startswith("$"):
             raise values.fault(f"the system variable {name} is a value: it stands behind =", at, name)
         try:
