@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from test_resume import going
 
+from feeddrive.files.machine import find_bundled
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program.moves import Arc, Begin, Message, Move, Spline, Stop, Straight, ToolPoint
@@ -406,6 +408,34 @@ def test_traori_moves_the_tip_as_g43_4_does(tmp_path: Path, table: Path) -> None
     assert points[0] == points[1]
     assert points[0][0] is not None
     assert points[0][0].tool == (0.0, 0.0, -0.05)
+
+
+def test_a_bundled_program_is_the_same_in_both_languages(tmp_path: Path) -> None:
+    """With rotary letters to the bit; with directions of twelve digits, 1e-9 rad and 1e-12 m."""
+    text = find_bundled("s_curve", "programs", ".ngc").read_text(encoding="utf-8")
+    text = re.sub(r"\([^)]*\)", "", text)
+    for word, ours in {
+        "G21": "G71",
+        "G64 P0.01": "G642 CTOL=0.01",
+        "G43.4 H0": "TRAORI ORIAXES",
+        "G49": "TRAFOOF",
+    }.items():
+        text = text.replace(word, ours)
+    lines = text.replace("M2\n", "M30\n").splitlines()
+    theirs = path_of(
+        list(read_program(find_bundled("s_curve", "programs", ".ngc"), front_end="own", kinematics=TRUNNION))
+    )
+    letters = path_of(moves(tmp_path, "\n".join(lines), kinematics=TRUNNION))
+    assert [(move.start, move.end) for move in letters] == [(move.start, move.end) for move in theirs]
+    turned = 4
+    for k, line in enumerate(lines[7:], 7):
+        if angles := re.search(r"A(\S+) C(\S+)", line):
+            x, y, z = TRUNNION.tool_axis(np.radians([float(angles[1]), float(angles[2])]))
+            lines[k] = f"{line[: angles.start()]}A3={x:.12f} B3={y:.12f} C3={z:.12f}"
+            turned += 1
+    assert turned > 1900
+    vectors = path_of(moves(tmp_path, "\n".join(lines), kinematics=TRUNNION))
+    np.testing.assert_allclose([move.end for move in vectors], [move.end for move in theirs], rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(
