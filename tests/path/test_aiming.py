@@ -17,7 +17,7 @@ from feeddrive.path.program.aiming import BY_AXES, Turning
 from feeddrive.path.program.moves import Arc, Feed, Message, Move, Straight
 from feeddrive.path.program.reading import read_program
 
-TRUNNION = Kinematics.table_table("AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
+TRUNNION = Kinematics.of("table_table", "AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
 NARROW = TRUNNION.with_travel({"A": (math.radians(-120.0), math.radians(30.0)), "C": (-math.pi, math.pi)})
 
 

@@ -30,7 +30,7 @@ from feeddrive.path.setpoints import Sampler, planned
 from feeddrive.path.tip_proof import TipProver, tip_bounds
 
 # a trunnion whose workpiece stands 80 mm below its axes; angles as in the formulas of `by_formula`
-TRUNNION = Kinematics.table_table("AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
+TRUNNION = Kinematics.of("table_table", "AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
 COLUMNS = TipColumns.of(TRUNNION, "XYZAC")
 LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3 + [[5.0, 30.0, 600.0, 3e5], [10.0, 50.0, 1000.0, 5e5]])
 
@@ -237,7 +237,7 @@ def test_after_moves_of_the_joints_the_tip_goes_on_from_there(tmp_path: Path) ->
     path.write_text(text, encoding="utf-8")
     result = fd.workflow.plan(path, machine="trunnion_ac")
     assert result.violations == 0
-    assert result.stop_reasons["begin or end of the tool point (G43.4, G43.5, G49)"] == 2
+    assert result.stop_reasons["begin or end of the tool point (G43.4, G43.5, G49, TRAORI, TRAFOOF)"] == 2
 
 
 def test_behind_a_path_of_the_tip_moves_have_their_own_lines(tmp_path: Path) -> None:

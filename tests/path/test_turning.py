@@ -21,7 +21,7 @@ from feeddrive.path.setpoints import Sampler, planned
 from feeddrive.path.tip_proof import TipProver
 from feeddrive.path.turning import Parts, in_plane
 
-TRUNNION = Kinematics.table_table("AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
+TRUNNION = Kinematics.of("table_table", "AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
 LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3 + [[5.0, 30.0, 600.0, 3e5], [10.0, 50.0, 1000.0, 5e5]])
 NEAR = math.radians(0.005)
 PLANES: tuple[Orientation, ...] = ("plane", "vector")

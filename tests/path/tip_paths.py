@@ -46,12 +46,12 @@ def machine(draw: np.random.Generator) -> Kinematics:
     kind = draw.integers(3)
     if kind == 0:
         letters = "BC" if draw.random() < 0.5 else "AC"
-        return Kinematics.table_table(letters, point(), point(), point(), tool, nutating=nutating)
+        return Kinematics.of("table_table", letters, point(), point(), point(), tool, nutating=nutating)
     if kind == 1:
         letters = "CB" if draw.random() < 0.5 else "CA"
-        return Kinematics.head_head(letters, point(), point(), point(), tool, nutating=nutating)
+        return Kinematics.of("head_head", letters, point(), point(), point(), tool, nutating=nutating)
     letters = "BC" if draw.random() < 0.5 else "AC"
-    return Kinematics.head_table(letters, point(), point(), point(), tool, nutating=nutating)
+    return Kinematics.of("head_table", letters, point(), point(), point(), tool, nutating=nutating)
 
 
 def curve(draw: np.random.Generator, count: int) -> np.ndarray:
