@@ -14,13 +14,13 @@ from feeddrive.path.kinematics import Kinematics, RotaryJoint
 
 T = 1e-3  # s
 KINDS = {
-    "trunnion": Kinematics.table_table("AC", workpiece=(0.0, 0.0, -0.08)),
-    "table with offsets": Kinematics.table_table(
-        "BC", (0.01, -0.02, 0.03), (-0.04, 0.02, 0.01), (0.02, 0.03, -0.1), 0.12, reversed_joints="C"
+    "trunnion": Kinematics.of("table_table", "AC", workpiece=(0.0, 0.0, -0.08)),
+    "table with offsets": Kinematics.of(
+        "table_table", "BC", (0.01, -0.02, 0.03), (-0.04, 0.02, 0.01), (0.02, 0.03, -0.1), 0.12, reversed_joints="C"
     ),
-    "nutating table": Kinematics.table_table("BC", inner=(0.0, 0.05, 0.0), nutating=True, tool_length=0.1),
-    "fork head": Kinematics.head_head("CB", (0.0, 0.01, 0.25), (0.0, 0.0, 0.25), (0.1, 0.2, -0.3), 0.15),
-    "head and table": Kinematics.head_table("BC", (0.0, 0.02, 0.2), (0.3, 0.1, 0.0), (0.3, 0.1, 0.05), 0.1),
+    "nutating table": Kinematics.of("table_table", "BC", second=(0.0, 0.05, 0.0), nutating=True, tool_length=0.1),
+    "fork head": Kinematics.of("head_head", "CB", (0.0, 0.01, 0.25), (0.0, 0.0, 0.25), (0.1, 0.2, -0.3), 0.15),
+    "head and table": Kinematics.of("head_table", "BC", (0.0, 0.02, 0.2), (0.3, 0.1, 0.0), (0.3, 0.1, 0.05), 0.1),
 }
 
 
