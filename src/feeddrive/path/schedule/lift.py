@@ -283,7 +283,8 @@ class _Path:
         m = len(time)
         knots, coefficient, room = np.zeros(m + 6), np.zeros(m + 2), rows_for(Reached, m)
         blended = min(_BLENDED, (m - 4) // 2)
-        moves = spline.approximation(motion, self._begin, time, end, *factors, blended, room, knots, coefficient)
+        one, two = factors
+        moves = spline.approximation(motion, self._begin, time, end, one, two, blended, room, knots, coefficient)
         return time, knots, coefficient, moves
 
     def _points(self, time: np.ndarray, knots: np.ndarray) -> Points:
@@ -319,7 +320,7 @@ def _quicker(
     begins_at, ends_at = np.searchsorted(looked.span, [first, last]).tolist()
     part = _some_points(looked, begins_at, ends_at)
     part = part._replace(span=part.span - first)
-    m, n, axes = len(part.span), last - first + 3, part.r.shape[1]
+    m, n, axes = len(part.span), last - first + 3, np.asarray(part.r).shape[1]
     return spline.quickest(
         part, rows[first:last], coefficient[first : last + 3], begins, ends, _STEPS, _room(m, n, axes)
     )
