@@ -734,10 +734,8 @@ def bump(
         above = 1.0  # largest share of a limit at `high`; 1 if unknown
         more = 1.0  # the same at the last higher speed, whose cube is `farther`
         farther = 0.0
-        # a shape that is infeasible just above the best speed so far needs no search
-        probes = reached > 0.0 and (1.0 + 0.9 * _NEAR) * reached < fastest
-        v = (1.0 + 0.9 * _NEAR) * reached if probes else fastest
-        for _ in range(_TRIES):
+        v = fastest
+        for again in range(_TRIES):
             # the snap of a bump is twice its jerk over s: at the limit of the jerk half of that of the snap
             w, short = width(near / v, 4.0 * one.jerk / one.snap if one.snap < 1e299 else 0.0)
             # the snaps of ramp and bump add up in the corner
@@ -782,10 +780,6 @@ def bump(
                 above = excess
             if high - low <= _NEAR * high:
                 break
-            if probes:
-                probes = False
-                v = fastest
-                continue
             # the jerk of a bump grows as v³, that of ramps is constant: a secant in v³ through two infeasible speeds
             v = 0.5 * (low + high)
             if above > 1.0 and more > above:
@@ -795,7 +789,7 @@ def bump(
                 secant = cube_root(cubes) if cubes > 0.0 else 0.0
                 if secant >= low + _SECANT * (high - low):
                     v = min(max(secant, (1.0 + 0.9 * _NEAR) * low), v)
-            elif above > 1.0 and high == fastest:
+            elif above > 1.0 and again == 0:
                 v = high / cube_root(above)
                 if v <= 0.9 * low:
                     break

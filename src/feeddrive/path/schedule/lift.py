@@ -45,8 +45,8 @@ _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
 _STEPS = 160  # from the slow ramps of some plans it is far to a quick motion
 _FIRST = 0.1  # initial penalty
-_NEAREST = 3e-3  # final penalty
-_AGAIN = (0.01, 5e-3)  # the same where a proof has failed: nearer to the limits it would fail again
+_NEAREST = 5e-3  # final penalty
+_AGAIN = (0.01, 5e-3)  # the initial and the final one where a proof has failed
 _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
 _GIVEN = 8.0  # number of spans from a given state at an end over which the reduction grows to that
@@ -320,7 +320,8 @@ def _quicker(
     begins_at, ends_at = np.searchsorted(looked.span, [first, last]).tolist()
     part = _some_points(looked, begins_at, ends_at)
     part = part._replace(span=part.span - first)
-    m, n, axes = len(part.span), last - first + 3, np.asarray(part.r).shape[1]
+    m, axes, _ = np.asarray(part.r).shape
+    n = last - first + 3
     return spline.quickest(
         part, rows[first:last], coefficient[first : last + 3], begins, ends, _STEPS, _room(m, n, axes)
     )
