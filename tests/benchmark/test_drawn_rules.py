@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from feeddrive import cli
-from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group, effort_of, matched
+from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group, effort_of, matched, search
 from feeddrive.benchmark.rules import Rules, folder, read_rules
 from feeddrive.benchmark.standings import (
     drawn_tables,
@@ -28,7 +28,7 @@ from feeddrive.evaluation.designs import Designs
 from feeddrive.evaluation.lineup import Lineup, Trial
 from feeddrive.evaluation.robustness import Design, Tuning
 from feeddrive.figures import of_loops
-from feeddrive.language.errors import ParameterError
+from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.box import Box
 from feeddrive.plot.registry import chart_of
@@ -138,6 +138,33 @@ def test_every_law_tunes_a_low_pass_and_where_there_is_a_resonance_a_notch() -> 
     assert kinds[QUICK] == ["low_pass2"]
     assert kinds["two_inertia_bench"] == ["notch", "low_pass2"]
     assert all(plant.rule.filters == "free" and plant.rule.box is not None for plant in RULES.plants.values())
+
+
+@pytest.mark.parametrize(
+    ("laws", "tuned"), [(["DADSC"], {"DADSC"}), ([PLAIN, "DADSC"], {PLAIN, "DADSC"}), ([], {PLAIN, "DADSC", "LADRC"})]
+)
+def test_named_laws_are_tuned_to_the_noise_of_the_stored_p_pi(
+    laws: list[str], tuned: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A law is searched under the bound of the stored designs, or P-PI is searched with it."""
+    rules = RULES.varied_by(RULES.variant[0])
+    bounds: dict[str, float | None] = {}
+
+    def repeated(self: Tuning, _: Progress) -> None:
+        bounds[self.name] = self.rule.noise
+        raise UnstableError("not searched")
+
+    monkeypatch.setattr(Tuning, "repeated", repeated)
+    search(rules, [rules.plants[QUICK]], tmp_path, laws=laws)
+    assert {*bounds} & {PLAIN, "DADSC", "LADRC"} == tuned
+    stored = Designs(rules.designs(), QUICK, rules.version).design("DADSC")
+    assert stored is not None
+    # without a P-PI there is no bound
+    assert bounds["DADSC"] == (None if PLAIN in tuned else pytest.approx(stored.noise, rel=1e-4))
+    kept = {path.stem for path in rules.designs(tmp_path).rglob("*.json")}
+    assert {"dadsc"} <= kept
+    # what is only read is not written to the user's folder
+    assert ("p_pi" in kept) == (PLAIN in tuned)
 
 
 def test_laws_that_are_left_out_take_no_part() -> None:
@@ -333,7 +360,7 @@ def test_stored_designs_belong_to_the_present_code_and_keep_their_bounds(place: 
 
 @pytest.mark.slow(reason="two laws are searched over a box and judged on drawn machines")
 def test_from_a_search_over_the_box_to_the_tables(tmp_path: Path) -> None:
-    from feeddrive.benchmark.benchmark import score, search
+    from feeddrive.benchmark.benchmark import score
 
     rules = replace(RULES, draws=2, plant=tuple(section for section in RULES.plant if section.job in (A, B)))
     plants = list(rules.plants.values())
