@@ -158,7 +158,9 @@ def test_products_of_numbers_are_the_sums_of_dot_and_keep_literal_zeros(n: int, 
         # literal zeros, which cause no operation, beside computed ones, infinity and NaN
         chosen = (0.0, np.float64(0.0), np.float64(-0.0), np.float64(np.inf), np.float64(np.nan))
         return tuple(
-            tuple(chosen[random.integers(5)] if random.random() < 0.5 else np.float64(random.normal()) for _ in range(n))
+            tuple(
+                chosen[random.integers(5)] if random.random() < 0.5 else np.float64(random.normal()) for _ in range(n)
+            )
             for _ in range(n)
         )
 

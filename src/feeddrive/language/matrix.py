@@ -159,7 +159,9 @@ def expm1_doubled(a: Sequence[Sequence[Any]], at_least: int = 0) -> tuple[list[M
             # a literal zero stays one, so that later products with it cost no operation
             squared = tuple(
                 tuple(
-                    x if single and type(x) is np.float64 or is_zero(x) and is_zero(y) else ops.where(squarings > s, x, y)
+                    x
+                    if single and type(x) is np.float64 or is_zero(x) and is_zero(y)
+                    else ops.where(squarings > s, x, y)
                     for x, y in zip(r, q, strict=True)
                 )
                 for r, q in zip(squared, total, strict=True)
