@@ -4,10 +4,11 @@
     OPENBLAS_NUM_THREADS=1 python benchmarks/box.py ball_screw --law cascade_ppi --law pole_placement --cost 3
 
 Every plant is drawn from the box, half of them evenly, half with each parameter at an end with probability 1/2.  Its
-mechanics are written here anew, as masses between springs or modes beside a free mass, with the exact hold of current loop and dead time by
-`scipy.linalg.expm`; the law is linearized by central differences of its own step on floats.  Neither the traced law
-nor the linear models of feeddrive are used.  Ms is the peak of |1/(1 + L)|, first on lines that are dense at the
-resonances, then refined at the peak of every draw that is near the largest one; stability is that of the eigenvalues of the whole closed loop.
+mechanics are written here anew, as masses between springs or modes beside a free mass, with the exact hold of current
+loop and dead time by `scipy.linalg.expm`; the law is linearized by central differences of its own step on floats.
+Neither the traced law nor the linear models of feeddrive are used.  Ms is the peak of |1/(1 + L)|, first on lines that
+are dense at the resonances, then refined at the peak of every draw that is near the largest one; stability is that of
+the eigenvalues of the whole closed loop.
 
 `--cost N` measures the comparison instead, without and with the box in turn, N times, each in a process of its own.
 """
@@ -77,11 +78,11 @@ def chain(mass: np.ndarray, springs: np.ndarray, damping: Sequence[float], visco
     The encoder of the motor's side is at its mass, and of three masses at the second one, the screw.
     """
     draws, n = mass.shape
-    K, D, unit = np.zeros((draws, n, n)), np.tile(np.diag(viscous), (draws, 1, 1)), np.eye(n)
+    between, dampers, unit = np.zeros((draws, n, n)), np.tile(np.diag(viscous), (draws, 1, 1)), np.eye(n)
     for i in range(n - 1):
         pair = np.outer(unit[i] - unit[i + 1], unit[i] - unit[i + 1])
-        K, D = K + springs[:, i, None, None] * pair, D + damping[i] * pair
-    return Bodies(mass, D, K, unit[0], unit[1 if n == 3 else 0], unit[-1])
+        between, dampers = between + springs[:, i, None, None] * pair, dampers + damping[i] * pair
+    return Bodies(mass, dampers, between, unit[0], unit[1 if n == 3 else 0], unit[-1])
 
 
 def modal(plant: Any, mass: np.ndarray, stiffer: np.ndarray, friction: Sequence[float]) -> Bodies:
@@ -90,15 +91,15 @@ def modal(plant: Any, mass: np.ndarray, stiffer: np.ndarray, friction: Sequence[
     The damping ratios stay, so that a mode's damper follows its mass and frequency.
     """
     modes, (draws, n) = plant.modes, mass.shape
-    K, D = np.zeros((draws, n, n)), np.zeros((draws, n, n))
-    D[:, 0, 0] = float(plant.viscous)
+    springs, dampers = np.zeros((draws, n, n)), np.zeros((draws, n, n))
+    dampers[:, 0, 0] = float(plant.viscous)
     for i, mode in enumerate(modes, 1):
         rate = 2.0 * np.pi * float(mode.frequency) * np.sqrt(stiffer[:, i - 1])
-        K[:, i, i] = mass[:, i] * rate**2
-        D[:, i, i] = 2.0 * float(mode.damping_ratio) * mass[:, i] * rate
+        springs[:, i, i] = mass[:, i] * rate**2
+        dampers[:, i, i] = 2.0 * float(mode.damping_ratio) * mass[:, i] * rate
     motor, load = (np.array([1.0, *(float(getattr(mode, end)) for mode in modes)]) for end in ("motor", "load"))
-    D = D + friction[0] * np.outer(motor, motor) + friction[1] * np.outer(load, load)
-    return Bodies(mass, D, K, motor, motor, load)
+    dampers += friction[0] * np.outer(motor, motor) + friction[1] * np.outer(load, load)
+    return Bodies(mass, dampers, springs, motor, motor, load)
 
 
 def drawn(loop: Loop, box: Box, draws: int, seed: int) -> tuple[Bodies, np.ndarray]:

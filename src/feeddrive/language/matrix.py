@@ -156,12 +156,11 @@ def expm1_doubled(a: Sequence[Sequence[Any]], at_least: int = 0) -> tuple[list[M
     for s in range(_most(squarings)):
         squared = add(scale(2.0, total), multiply(total, total))
         if s >= at_least:
+            more = squarings > s
             # a literal zero stays one, so that later products with it cost no operation
             squared = tuple(
                 tuple(
-                    x
-                    if single and type(x) is np.float64 or is_zero(x) and is_zero(y)
-                    else ops.where(squarings > s, x, y)
+                    x if (is_zero(x) and is_zero(y)) or (single and type(x) is np.float64) else ops.where(more, x, y)
                     for x, y in zip(r, q, strict=True)
                 )
                 for r, q in zip(squared, total, strict=True)

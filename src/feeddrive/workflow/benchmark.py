@@ -65,7 +65,8 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
 
     User-defined laws (--blocks) have no stored design and are tuned first.  With `retune` all laws are tuned, over each
     box of the rules and their variants, except those whose design is already in the directory `keep`, and P-PI, which
-    is the stored one if laws are named without it.  Raises ParameterError for an unknown plant, law or version of the rules.
+    is the stored one if laws are named without it.  Raises ParameterError for an unknown plant, law or version of the
+    rules.
     """
     if request.retune and request.keep is None:
         raise ParameterError("retune: name with --keep the directory in which the designs are kept as they are found")
