@@ -30,6 +30,7 @@ from feeddrive.tuning.candidates import PLAIN
 
 KINDS = ("rigid", "two_mass", "three_mass_chain", "modal")
 ROOM = 1e-3  # of the bound: the tolerance of the rules
+BATCH = 1000  # plants at once, with a seed of their own: larger arrays cost more time a plant
 LINES = 640  # twice as dense as in `box.py`: LADRC and LQG have narrow peaks beside the resonances of the plant
 
 
@@ -95,11 +96,13 @@ def main() -> None:
             if why := unknown(plant):
                 print(f"| {box} | {plant.name} | not checked: {why} |", flush=True)
                 continue
+            batches = [min(BATCH, asked.draws - first) for first in range(0, asked.draws, BATCH)]
             draws = [
-                Draws(replace(plant.loop, axis=place.model), box, asked.draws, asked.seed, LINES)
+                Draws(replace(plant.loop, axis=place.model), box, count, asked.seed + i, LINES)
                 for place in plant.places
+                for i, count in enumerate(batches)
             ]
-            plants += asked.draws * len(draws)
+            plants += asked.draws * len(plant.places)
             rows: list[Found] = []
             for design, loop in designs(each, plant, asked.law, asked.designs):
                 found = [drawn.under(loop.control, float(plant.rule.velocity)) for drawn in draws]
