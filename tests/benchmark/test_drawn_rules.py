@@ -27,7 +27,7 @@ from feeddrive.evaluation.competitor import Competitor, Plant
 from feeddrive.evaluation.designs import Designs
 from feeddrive.evaluation.lineup import Lineup, Trial
 from feeddrive.evaluation.robustness import Design, Tuning
-from feeddrive.figures import of_loops
+from feeddrive.figures import of_loops, of_runs
 from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.box import Box
@@ -263,6 +263,20 @@ def test_the_places_say_what_is_better_than_the_cascade(views: tuple[list[float]
     scores = next(line for line in views_table(found, group).rows if line[0] == "new")
     ratios = [f"{2.0 / own[0]:.2f}" for own in views]
     assert list(map(str, scores[1:])) == [f"{ratio} ({ratio} to {ratio})" for ratio in ratios]
+
+
+def test_a_law_without_a_finite_error_may_have_a_place_while_cutting() -> None:
+    """GPC reads the motor alone and lets the table go, but does not shake it."""
+    cutting = of_runs.CUTTING_RMS.key
+
+    def cuts(one: Competitor, error: float) -> Competitor:
+        return replace(one, draws=tuple({**draw, cutting: error} for draw in one.draws))
+
+    found = made(cuts(row(A, PLAIN, [2.0, 2.0]), 3.0), cuts(row(A, "soft", [math.inf, math.inf]), 1.0))
+    (group,) = found.groups()
+    assert [line[1] for line in ranked_table(found, group).rows] == [PLAIN]
+    places = {str(line[0]): line[5:] for line in places_table(found, group).rows}
+    assert places == {PLAIN: ["2", None], "soft": ["1", "better"]}
 
 
 def test_a_search_that_is_not_settled_is_marked_and_shown() -> None:
