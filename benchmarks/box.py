@@ -36,6 +36,7 @@ from feeddrive.loop.loop import Loop
 
 LINES, BESIDE = 320, np.linspace(-4.0, 4.0, 17)
 ZOOMS, POINTS = 4, 9
+FORCES = ("cogging", "gravity")
 ROOM = 0.1  # of Ms, below the largest peak on the lines: there no peaks are refined but those of a sample
 SAMPLED = 50  # every so many draws are refined wherever they are
 
@@ -60,11 +61,13 @@ def viscous(friction: Friction | None) -> float:
 
 
 def slope(loop: Loop) -> float:
-    """Return the slope dF/dx of the cogging of an axis at x = 0, N/m: a spring, negative if it pushes away."""
+    """Return the slope dF/dx of the forces of an axis at x = 0, N/m; above 0 it pushes the axis away, as cogging may."""
     total = 0.0
     for force in loop.axis.forces:
-        if force.kind != "cogging":
+        if force.kind not in FORCES:
             raise SystemExit(f"a force '{force.kind}' is not written here")
+        if force.kind == "gravity":  # the same at every position
+            continue
         cogging: Any = force
         for harmonic in cogging.harmonics:
             rate = 2.0 * np.pi * harmonic.order / float(cogging.period)

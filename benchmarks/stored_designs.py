@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from box import Draws
+from box import FORCES, Draws
 
 from feeddrive.benchmark.benchmark import effort_of
 from feeddrive.benchmark.rules import Rules, read_rules
@@ -53,7 +53,7 @@ def unknown(plant: Plant) -> str:
     axis = plant.places[0].model
     if axis.plant.kind not in KINDS:
         return f"a plant '{axis.plant.kind}'"
-    return next((f"a force '{force.kind}'" for force in axis.forces if force.kind != "cogging"), "")
+    return next((f"a force '{force.kind}'" for force in axis.forces if force.kind not in FORCES), "")
 
 
 def designs(
