@@ -61,7 +61,7 @@ def viscous(friction: Friction | None) -> float:
 
 
 def slope(loop: Loop) -> float:
-    """Return the slope dF/dx of the forces of an axis at x = 0, N/m; above 0 it pushes the axis away, as cogging may."""
+    """Return the slope dF/dx of the forces of an axis at x = 0, N/m; above 0 they push the axis away from there."""
     total = 0.0
     for force in loop.axis.forces:
         if force.kind not in FORCES:
