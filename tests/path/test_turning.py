@@ -19,7 +19,7 @@ from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof import Prover
 from feeddrive.path.setpoints import Sampler, planned
 from feeddrive.path.tip_proof import TipProver
-from feeddrive.path.turning import Parts, _Arc, in_plane
+from feeddrive.path.turning import Parts, Swing, in_plane
 
 TRUNNION = Kinematics.of("table_table", "AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
 LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3 + [[5.0, 30.0, 600.0, 3e5], [10.0, 50.0, 1000.0, 5e5]])
@@ -86,7 +86,7 @@ def test_the_bound_holds_over_any_part(how: Orientation) -> None:
         kinematics = machine(draw)
         begin = draw.uniform(-1.0, 1.0, 2)
         end = begin + draw.normal(size=2) * 10.0 ** draw.uniform(-2.0, -0.3)
-        arc = _Arc.between(kinematics, begin, end, how, 0.0)
+        arc = Swing.between(kinematics, begin, end, how, 0.0)
         off = end + draw.normal(size=2) * 10.0 ** draw.uniform(-4.0, -1.0)
         bound = float(arc.distances(np.stack([begin, off], axis=1), np.array([0.0, 1.0]))[0])
         x = np.linspace(0.0, 1.0, 33)
