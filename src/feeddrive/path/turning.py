@@ -176,6 +176,7 @@ class Swing(NamedTuple):
     def between(
         cls, kinematics: Kinematics, begin: np.ndarray, end: np.ndarray, how: Orientation, cone: float
     ) -> Swing:
+        """Return the directions of a block from its joints at both ends, rad."""
         first, last = (np.array(kinematics.tool_axis(rotary), float) for rotary in (begin, end))
         angle = float(angle_between(first, last))
         # n sin φ, without the cancellation of last - cos φ first
