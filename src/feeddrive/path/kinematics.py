@@ -236,6 +236,14 @@ class Kinematics:
         moved = self.linear(_changes(tip, tip_change), _changes(rotary, rotary_change))
         return tuple(position.change if isinstance(position, Change) else 0.0 * position for position in moved)
 
+    def tip_change(self, linear: Numbers, linear_change: Numbers, rotary: Numbers, rotary_change: Numbers) -> Row:
+        """Return `tip` at linear + linear_change and rotary + rotary_change less `tip` at linear and rotary (m).
+
+        A small change keeps its relative accuracy, as in `linear_change`.
+        """
+        moved = self.tip(_changes(linear, linear_change), _changes(rotary, rotary_change))
+        return tuple(position.change if isinstance(position, Change) else 0.0 * position for position in moved)
+
     def rotary(self, axis: np.ndarray) -> Branches:
         """Return all rotary positions that give tool axes, in closed form.
 
