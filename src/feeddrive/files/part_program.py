@@ -68,7 +68,7 @@ from feeddrive.blocks.coupling.milling_cut import MillingCut
 from feeddrive.blocks.cutting.engagement import arc
 from feeddrive.blocks.families import Coupling, Cutter
 from feeddrive.blocks.reference.recorded import Recorded
-from feeddrive.files.columns import Column
+from feeddrive.files.columns import Column, arrow_column
 from feeddrive.files.machine import BUNDLED, MachineFile, planned_kinematics, planned_limits
 from feeddrive.files.read_log import OpenedFile, read_log
 from feeddrive.files.run_files import parquet_stream, run_stream
@@ -475,9 +475,7 @@ def _lines(file: Any, rows: np.ndarray) -> None:
     import pyarrow as arrow
     from pyarrow import csv
 
-    table = arrow.Table.from_arrays(
-        [np.ascontiguousarray(column) for column in rows.T], names=list(map(str, range(rows.shape[1])))
-    )
+    table = arrow.Table.from_arrays(list(map(arrow_column, rows.T)), names=list(map(str, range(rows.shape[1]))))
     csv.write_csv(table, file, csv.WriteOptions(include_header=False, delimiter=" "))
 
 

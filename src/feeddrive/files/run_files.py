@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from feeddrive.files.atomic_io import written_whole
-from feeddrive.files.columns import Columns, arrow_numbers, check_size, check_unpacked, is_wanted
+from feeddrive.files.columns import Columns, arrow_column, arrow_numbers, check_size, check_unpacked, is_wanted
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.quantity import Units
 from feeddrive.language.text import resolve
@@ -163,7 +163,8 @@ def parquet_stream(
         shapes = {name: array.shape for name, array in zip(names, arrays, strict=True)}
         if any(array.ndim != 1 for array in arrays) or len(set(shapes.values())) > 1:
             raise ParameterError(f"{path}: columns must have one dimension and one length, not {shapes}")
-        writer.write_table(arrow.Table.from_arrays(arrays, schema=schema), row_group_size=_GROUP)
+        table = arrow.Table.from_arrays([arrow_column(array) for array in arrays], schema=schema)
+        writer.write_table(table, row_group_size=_GROUP)
 
     with (
         written_whole(path) as temporary,
@@ -239,7 +240,7 @@ def write_run_csv(
     )
     with written_whole(path) as temporary, temporary.open("wb") as file:
         file.write(heads.getvalue().encode("utf-8"))
-        table = arrow.Table.from_arrays(arrays, names=[str(k) for k in range(len(arrays))])
+        table = arrow.Table.from_arrays(list(map(arrow_column, arrays)), names=[str(k) for k in range(len(arrays))])
         arrow_csv.write_csv(table, file, arrow_csv.WriteOptions(include_header=False, batch_size=_BLOCK))
 
 
