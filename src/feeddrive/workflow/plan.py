@@ -1,6 +1,6 @@
 """`feeddrive plan`: setpoints of a part program that provably satisfy the limits of a machine.
 
-The output files are written by `files/part_program.py`.
+The output files are written by `files/plan_files.py`.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from functools import partial
 from math import degrees, isfinite, radians
 from pathlib import Path
 from time import monotonic
+from typing import TYPE_CHECKING
 
-from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile, find_bundled, planned_kinematics, planned_limits, read_machine
-from feeddrive.files.part_program import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
+from feeddrive.files.plan_files import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
 from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import NoSlopeError, ParameterError, shown
 from feeddrive.language.judgment import Judgment
@@ -35,9 +35,10 @@ from feeddrive.path.program.reading import FrontEnd, read_program
 from feeddrive.path.purpose import PURPOSES, read_dynamics, settings, with_tolerance
 from feeddrive.path.schedule.override import read_steps
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
-from feeddrive.report.machining_report import plan_report
-from feeddrive.report.page import html
 from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, line, option
+
+if TYPE_CHECKING:
+    from feeddrive.report.report import Report
 
 _SHOWN, _WATCHED = 0.2, 5.0  # s between two reports: on a terminal, and as lines (--watch)
 FAULT = (
@@ -182,7 +183,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
             if job := _job(request, program, machine, planned):
                 (folder / JOB).write_text(job, encoding="utf-8")
             progress.step("report")
-            (folder / "report.html").write_text(html(plan_report(planned)), encoding="utf-8")
+            (folder / "report.html").write_text(_page_of(planned), encoding="utf-8")
     outcome = _outcome(planned, request.out, machine, counts)
     return replace(outcome, then=line("run", request.out / JOB)) if job else outcome
 
@@ -249,6 +250,9 @@ def _found(path: str | Path) -> str:
 def _differing(machine: MachineFile, letters: str) -> list[str]:
     """Return remarks on axes with different tracking dynamics, or no remarks if a law has no linear model."""
     names = [name for name, loop in machine.loops.items() if name.upper() in letters and not loop.axis.rotary]
+    # imported after the plan, as the pages below: a program that is refused needs neither
+    from feeddrive.analysis.contour_control import matched_dynamics
+
     with contextlib.suppress(NoSlopeError):
         return matched_dynamics(machine.machine(), names).remarks()
     return []
@@ -422,5 +426,17 @@ def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None, co
         files=files,
         judgment=judgment,
         failure=failure,
-        page=partial(plan_report, planned),
+        page=partial(_report, planned),
     )
+
+
+def _report(planned: Planned) -> Report:
+    from feeddrive.report.machining_report import plan_report
+
+    return plan_report(planned)
+
+
+def _page_of(planned: Planned) -> str:
+    from feeddrive.report.page import html
+
+    return html(_report(planned))
