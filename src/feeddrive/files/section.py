@@ -359,11 +359,10 @@ def _member(hint: Hint, kind: str) -> type[Any] | None:
     in `members`.
     """
     for family in reversed(hint.classes):
-        if inspect.isabstract(family):
-            block = member(family, kind)
-        else:
-            block = family if family.kind == kind else None
-        if block is not None:
+        if not inspect.isabstract(family):
+            if family.kind == kind:
+                return family
+        elif (block := member(family, kind)) is not None:
             return block
     return None
 

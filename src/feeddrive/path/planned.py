@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.quantity import Quantity, count_of, unit_name
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
 from feeddrive.path.feed_loss import FeedLoss
@@ -206,10 +206,10 @@ class Planned(Result):
         ]
         names = zip(DERIVATIVES, _PER, strict=True)
         heads = ["axis", *(f"{name} {unit_name(f'm/{s}', f'mm/{s}', stays=True)}" for name, s in names)]
-        held = "every limit is proven" if self.violations == 0 else f"{self.violations} violations"
+        held = "every limit is proven" if self.violations == 0 else count_of(self.violations, "violation")
         title = Text(
-            f"{self.program}: {Quantity(self.cycle_time, 's'):6 SI}, {self.blocks} blocks, {self.stop_count} stops; "
-            f"{held}"
+            f"{self.program}: {Quantity(self.cycle_time, 's'):6 SI}, {count_of(self.blocks, 'block')}, "
+            f"{count_of(self.stop_count, 'stop')}; {held}"
         )
         return Table(title, heads, rows)
 

@@ -22,7 +22,7 @@ from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import NoSlopeError, ParameterError, shown
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.quantity import Quantity, count_of, number
 from feeddrive.language.text import Text, joined
 from feeddrive.path.geometry.weights import ROTARY
 from feeddrive.path.kinematics import Kinematics
@@ -131,6 +131,10 @@ class PlanRequest(Request):
         above=0.0,
     )
     watch: bool = option("print a line of progress every 5 s", default=False)
+    no_pictures: bool = option(
+        "write the report without its pictures, which take longer to draw than a short program takes to plan",
+        default=False,
+    )
     out: Path | None = option(OUT, short="-o", default=None)
 
     def check(self) -> None:
@@ -183,7 +187,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
             if job := _job(request, program, machine, planned):
                 (folder / JOB).write_text(job, encoding="utf-8")
             progress.step("report")
-            (folder / "report.html").write_text(_page_of(planned), encoding="utf-8")
+            (folder / "report.html").write_text(_page_of(planned, not request.no_pictures), encoding="utf-8")
     outcome = _outcome(planned, request.out, machine, counts)
     return replace(outcome, then=line("run", request.out / JOB)) if job else outcome
 
@@ -325,7 +329,7 @@ def _moves(
                 progress.step(f"line {farthest:,} of {of:,}", farthest, of)
             if request.watch and now - watched >= _WATCHED:
                 watched = now
-                progress.remark(f"line {farthest:,} of {of:,}, {count:,} moves")
+                progress.remark(f"line {farthest:,} of {of:,}, {count_of(count, 'move')}")
 
 
 _NAMED = "_depth=3, _feed=40"
@@ -405,7 +409,7 @@ def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None, co
         sentences.append(
             Text(
                 f"The tip stays within {Quantity(tip.deviation, 'm'):4} of the program, and the tool within "
-                f"{Quantity(tip.angle, 'rad'):deg} of its direction, proven on {tip.pieces:,} pieces."
+                f"{Quantity(tip.angle, 'rad'):deg} of its direction, proven on {count_of(tip.pieces, 'piece')}."
             )
         )
     if counts.left_out:
@@ -430,13 +434,13 @@ def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None, co
     )
 
 
-def _report(planned: Planned) -> Report:
+def _report(planned: Planned, pictures: bool = True) -> Report:
     from feeddrive.report.machining_report import plan_report
 
-    return plan_report(planned)
+    return plan_report(planned, pictures)
 
 
-def _page_of(planned: Planned) -> str:
+def _page_of(planned: Planned, pictures: bool) -> str:
     from feeddrive.report.page import html
 
-    return html(_report(planned))
+    return html(_report(planned, pictures))
