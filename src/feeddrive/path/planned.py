@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from math import isfinite
 from typing import NamedTuple, TypeAlias
@@ -223,14 +224,15 @@ def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | No
     recorder = Recorder(len(setpoints.limits.axes))
     few: list[Standstill] = []
     reasons: Counter[str] = Counter()
-    for samples in setpoints:
-        recorder.add(samples)
-        # emptied after each chunk: a program may stop millions of times
-        stops, setpoints.stops = setpoints.stops, []
-        reasons.update(stop.reason for stop in stops)
-        few += stops[: FEW - len(few)]
-        if take is not None:
-            take(samples, stops)
+    with closing(iter(setpoints)) as chunks:
+        for samples in chunks:
+            recorder.add(samples)
+            # emptied after each chunk: a program may stop millions of times
+            stops, setpoints.stops = setpoints.stops, []
+            reasons.update(stop.reason for stop in stops)
+            few += stops[: FEW - len(few)]
+            if take is not None:
+                take(samples, stops)
     return Planned(
         program,
         machine,
