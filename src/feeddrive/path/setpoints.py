@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from feeddrive.language.ahead import ahead, short_turns, through
 from feeddrive.language.errors import FeeddriveError, ProgramError
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Records, Records2
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.series import Taylor
 from feeddrive.language.text import Text
+from feeddrive.language.threads import ahead, short_turns, through
 from feeddrive.path.feed_loss import CORNER, FeedLossRecorder
 from feeddrive.path.geometry.joints import SMOOTH, Joiner
 from feeddrive.path.geometry.segments import Chain, chains

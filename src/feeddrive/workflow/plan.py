@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from math import degrees, isfinite, radians
 from pathlib import Path
-from time import monotonic
+from time import monotonic, process_time, thread_time
 from typing import TYPE_CHECKING
 
 from feeddrive.files.atomic_io import new_directory
@@ -24,6 +24,7 @@ from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, count_of, number
 from feeddrive.language.text import Text, joined
+from feeddrive.language.threads import cores
 from feeddrive.path.geometry.weights import ROTARY
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.limits import LETTERS, MachineLimits
@@ -130,6 +131,13 @@ class PlanRequest(Request):
         entered="s",
         above=0.0,
     )
+    threads: int | None = option(
+        "number of threads that plan a program of more than 500 lines; that of the processor's cores if left out. The "
+        "plan does not depend on it",
+        default=None,
+        least=1,
+        most=64,
+    )
     watch: bool = option("print a line of progress every 5 s", default=False)
     no_pictures: bool = option(
         "write the report without its pictures, which take longer to draw than a short program takes to plan",
@@ -173,10 +181,12 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     names = program.name, called(request.machine if machine is None else machine.name)
     # a generator that an error leaves suspended would keep the program file open
     counts = Counts()
-    spending = Spending(Budget(request.longest, request.most_cpu))
+    threads = cores() if request.threads is None else request.threads
+    # of all threads that plan
+    spending = Spending(Budget(request.longest, request.most_cpu), thread_time if threads == 1 else process_time)
     reading = _moves(request, program, limits, planned_kinematics(machine, limits), used.tolerance, progress, counts)
     with contextlib.closing(reading) as moves:
-        setpoints = Setpoints(moves, limits, sample_time, override, used, spending)
+        setpoints = Setpoints(moves, limits, sample_time, override, used, spending, threads)
         if request.out is None:
             planned = planned_of(setpoints, *names)
             return _outcome(planned, None, machine, counts)

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from feeddrive.language.ahead import in_order
 from feeddrive.language.kernels.source import by_field, rows_for
+from feeddrive.language.threads import in_order
 from feeddrive.path.motion import (
     LINE,
     Derivatives,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import copy_context
+from functools import lru_cache
 from time import monotonic
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -58,14 +60,13 @@ class _Channel(Generic[Item]):
 
     def put_all(self, items: Iterable[Item]) -> None:
         """Put the items and the error that ends them; a generator is closed."""
-        made, group, begun = iter(items), list[Item](), 0.0
+        made, group, begun = iter(items), list[Item](), monotonic()
         try:
             for item in made:
-                begun = begun if group else monotonic()
                 group.append(item)
                 if monotonic() - begun >= _GROUP:
                     self.put(group)
-                    group = []
+                    group, begun = [], monotonic()
         except BaseException as error:  # every error is raised where the items are taken
             self._error = error
         finally:
@@ -103,6 +104,13 @@ class _Channel(Generic[Item]):
         with self.changed:
             self._closed = True
             self.changed.notify_all()
+
+
+@lru_cache(maxsize=1)
+def cores() -> int:
+    """Return the number of processors available to this process."""
+    # a container or an affinity mask may leave fewer cores than the computer has
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _started(work: Callable[..., None], *args: object) -> threading.Thread:
