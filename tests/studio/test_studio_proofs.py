@@ -94,6 +94,7 @@ def test_only_what_was_chosen_is_compared_and_drawn_with_its_figures(compared: S
     assert laws[0]["why"].startswith("outside of the rule")
 
 
+@pytest.mark.slow(reason="its commands run again in a process of their own: 10 s; the recipe has tests of its own")
 def test_a_law_that_is_taken_is_in_the_recipe_which_writes_the_same_control(compared: Session, tmp_path: Path) -> None:
     said = asked(compared, "compare.take", law="P-PI + recovery")
     assert said["go"] == "tune"
@@ -132,6 +133,7 @@ def test_the_law_that_is_taken_stands_in_the_recipe_where_it_was_compared(sessio
     assert f"={0.95 * start}" in session.desk.done[0].request.set[0]  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow(reason="a third comparison, whose engine has the same test")
 def test_a_comparison_that_was_canceled_goes_on_where_it_was(session: Session) -> None:
     asked(session, "compare.choose", laws=["P-PI + recovery", "P-PI + DOB"])
     assert "error" not in asked(session, "compare.start", starts=1)
@@ -152,6 +154,7 @@ def test_a_comparison_that_was_canceled_goes_on_where_it_was(session: Session) -
     assert {each: each.stat().st_mtime_ns for each in first} == first  # what was finished was not computed again
 
 
+@pytest.mark.slow(reason="two more circles")
 def test_circles_of_the_control_before_lie_under_those_of_now(session: Session) -> None:
     shown = done(session, "prove.circle", x="x", y="y")
     assert not any(curve["look"] == "thin" for curve in shown["charts"]["circle.circle"]["panels"][0]["curves"])

@@ -286,10 +286,7 @@ class Motion:
         self._straight(block, code, target)
 
     def _aim(self, block: Block, target: list[float], moved: list[int]) -> None:
-        """Turn the rotary axes of a target so that the tool has the direction I J K, from its tip to the spindle.
-
-        They take the nearest of all positions within the travel; at the pole the free one stays.
-        """
+        """Turn the rotary axes of a target so that the tool has the direction I J K, if they stand in the block."""
         kinematics = self._state.tool_point
         assert kinematics is not None
         axes = [AXIS_OF[letter.lower()] for letter in kinematics.rotary_letters]
@@ -302,16 +299,30 @@ class Motion:
         words = [block.take(letter) for letter in _CENTER]
         if words == [None, None, None]:
             return
-        vector = [word or 0.0 for word in words]
+        self.turn_to(target, [word or 0.0 for word in words], "I J K")
+
+    def turn_to(self, target: list[float], vector: list[float], words: str) -> None:
+        """Turn the rotary axes of a target so that the tool has a direction, from its tip to the spindle.
+
+        words  of the program that give the direction
+        They take the nearest of all positions within the travel; at the pole the free one stays.
+        """
+        kinematics = self._state.tool_point
+        assert kinematics is not None
+        axes = [AXIS_OF[letter.lower()] for letter in kinematics.rotary_letters]
         length = math.hypot(*vector)
+        word = words.split()[0]
         if length == 0.0:
-            raise BlockError("the direction of the tool I J K has no length: write I0 J0 K1 for an upright tool", "I")
+            x, y, z = (f"{name}{'=' if len(name) > 1 else ''}" for name in words.split())
+            raise BlockError(
+                f"the direction of the tool {words} has no length: write {x}0 {y}0 {z}1 for an upright tool", word
+            )
         start = [math.radians(target[axis]) for axis in axes]
         direction = np.array(vector)[:, None] / length
         try:
             rotary = choose_rotary(kinematics, direction, start=start).rotary[:, 0]
         except UnreachableError as error:
-            raise BlockError(str(error), "I") from None
+            raise BlockError(str(error), word) from None
         if kinematics.rotary(direction).at_pole[0]:
             free = kinematics.rotary(direction).free
             rotary[free] = start[free]

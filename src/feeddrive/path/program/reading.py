@@ -26,6 +26,7 @@ from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import BlockError, Line, LineReader, Place
 from feeddrive.path.program.budget import MOST_AGAIN, check_lines
 from feeddrive.path.program.dialects import DialectName
+from feeddrive.path.program.execution import Setting
 from feeddrive.path.program.frame import Frame, Travel
 from feeddrive.path.program.interpreter import Interpreter
 from feeddrive.path.program.moves import Begin, Command, Move, Point, read_command
@@ -410,27 +411,10 @@ def read_commands(
     numbered = None if offsets is None else blocks.read_offsets(offsets)
     if front_end == "rs274":
         return rs274_commands(path, table, numbered, tables_inch, skip_deleted)
-    if dialect == "siemens":
-        if start is not None or from_line:
-            raise ParameterError(
-                "the reader of SINUMERIK programs starts at the zero of the machine and line 1: leave out the line and "
-                "the start position"
-            )
-        interpreter = SiemensInterpreter(
-            path, table, numbered, tables_inch, skip_deleted, most_again, parameters=parameters
-        )
-        return interpreter.commands()
     stands = [0.0] * 9 if start is None else [1e3 * x if k in LINEAR else degrees(x) for k, x in enumerate(start)]
-    return Interpreter(
-        path,
-        table,
-        numbered,
-        tables_inch,
-        skip_deleted,
-        most_again,
-        dialect,
-        parameters=parameters,
-        kinematics=kinematics,
-        start=stands,
-        from_line=from_line,
-    ).commands()
+    setting = Setting(
+        table, numbered, tables_inch, skip_deleted, most_again, parameters or {}, kinematics, stands, from_line
+    )
+    if dialect == "siemens":
+        return SiemensInterpreter(path, setting).commands()
+    return Interpreter(path, setting, dialect).commands()

@@ -16,27 +16,37 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Generator, Mapping
+from collections.abc import Generator
 from pathlib import Path
 from typing import NamedTuple
 
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.program import blocks
-from feeddrive.path.program.blocks import AXES, Block, BlockError, Line, LineReader, Parameters, Place
-from feeddrive.path.program.interpreter import MOST_AGAIN, Flow
-from feeddrive.path.program.motion import PLANES, Motion, emit_path_mode
-from feeddrive.path.program.moves import Command, Value, sweep
+from feeddrive.path.program.blocks import AXES, Block, BlockError, Line
+from feeddrive.path.program.compensation import Corners
+from feeddrive.path.program.execution import Execution, Setting
+from feeddrive.path.program.motion import PLANES
+from feeddrive.path.program.moves import Command, sweep
+from feeddrive.path.program.siemens_flow import Call, SiemensFlow, begin_of, program_name, without_comment
+from feeddrive.path.program.siemens_splines import BEGINS, ENDS, KINDS, Edges
 from feeddrive.path.program.siemens_words import IGNORED, Values, ignored_g, refusal
-from feeddrive.path.program.state import INCH, LINEAR, State, Tool, first_of, rotated
+from feeddrive.path.program.state import (
+    INCH,
+    LINEAR,
+    Names,
+    begin_tool_point,
+    end_tool_point,
+    first_of,
+    rotated,
+    set_tool_offset,
+)
 
 ROUNDED = 0.22
 """The part of ADIS (G641) that is taken as the tolerance: what a blend over that length on both sides of a corner of 90
 degrees leaves out of it."""
 FIRST_NAMED = 90_001
 """The number of the first tool with a name that neither is a number nor stands as a remark in the tool table."""
-MOST_NESTED = 200
 
-_PLANES = {17: (170, "CANON_PLANE_XY"), 18: (180, "CANON_PLANE_XZ"), 19: (190, "CANON_PLANE_YZ")}
 _SYSTEMS = {54: 1, 55: 2, 56: 3, 57: 4, 505: 5, 506: 6, 507: 7, 508: 8, 509: 9}
 _MODES = {60: "CANON_EXACT_STOP", **dict.fromkeys((64, 641, 642, 643, 644, 645), "CANON_CONTINUOUS")}
 # groups of G codes of which one block has one at most
@@ -49,34 +59,35 @@ _GROUPS: dict[str, tuple[int, ...]] = {
     "feed": (93, 94, 95),
     "unit": (70, 71, 700, 710),
     "once": (4, 9, 53, 110, 111, 112, 153),
-    "other": (40, 97),
+    "radius": (40, 41, 42),
+    "corner": (450, 451),
+    "other": (97,),
 }
 _GROUP = {code: group for group, codes in _GROUPS.items() for code in codes}
-_SPINDLE = {3: "START_SPINDLE_CLOCKWISE", 4: "START_SPINDLE_COUNTERCLOCKWISE", 5: "STOP_SPINDLE_TURNING"}
-_COOLANT = {7: ("MIST_ON",), 8: ("FLOOD_ON",), 9: ("MIST_OFF", "FLOOD_OFF")}
-_MOTIONS = {"CIP", "POLY"}
+_SPINDLE = {3: 1, 4: -1, 5: 0}
+_MOTIONS = {"CIP", "POLY", *KINDS}
+_KEYWORDS = {"SUPA", "FNORM", "DIAMOF", "RET", "STOPRE", "NORM", "KONT", "ORIAXES", "ORIMKS", "MCALL", *BEGINS, *ENDS}
+_WITH_ARGUMENTS = {"MSG", "CYCLE832", "CYCLE800", "CALL", "EXTCALL", "TRAORI", "TRAFOOF"}
 _FRAMES = {"TRANS", "ATRANS", "ROT", "AROT"}
+VECTOR = ("A3", "B3", "C3")
+"""The words of the direction of the tool, from its tip to the spindle."""
 # what can stand before =, besides variables and R parameters
 _WORDS = frozenset(
     {
         *(*AXES.upper(), *"IJKFSDT", "CR", "TURN", "AR", "AP", "RP", "I1", "J1", "K1", "CTOL", "OTOL", "ATOL"),
-        *("RPL", "ADIS", "ADISPOS", "S1", "M1", "PL"),
+        *("RPL", "ADIS", "ADISPOS", "S1", "M1", "PL", "P", "DISC", "PW", "SD", *VECTOR),
     }
 )
 _ADDRESS = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+)(?:EX[+-]?\d+)?)", re.IGNORECASE)
 _LETTER_NUMBER = re.compile(r"[A-Z]\d+")
 _NAME = re.compile(r"[A-Z_$][A-Z0-9_]*", re.IGNORECASE)
 _ASSIGNED = re.compile(r"([A-Z_$][A-Z0-9_]*)\s*(\[[^\]=]*\])?\s*=(?!=)", re.IGNORECASE)
-_BEGIN = re.compile(r"\s*(?:[N:]\s*(\d+)(?![A-Z0-9_.])\s*)?(?:([A-Z_][A-Z0-9_]+)\s*:(?![=:])\s*)?", re.IGNORECASE)
 _DELETED = re.compile(r"\s*/[0-9]?\s*")
-_HEADER = re.compile(r"\s*%(?:_N_\w*|MPF\d*|SPF\d*|\s*\d*)\s*$", re.IGNORECASE)
-_OPENS = {"IF": "ENDIF", "FOR": "ENDFOR", "WHILE": "ENDWHILE", "LOOP": "ENDLOOP", "REPEAT": "UNTIL"}
-_FLOW = re.compile(
-    r"(IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|LOOP|ENDLOOP|REPEAT|UNTIL|GOTOF|GOTOB|GOTOC|GOTO|DEF)(?![A-Z0-9_])",
-    re.IGNORECASE,
-)
-_JUMP = re.compile(r"(GOTOF|GOTOB|GOTOC|GOTO)\s+(?:N(?=\d))?([A-Z0-9_]+)\s*$", re.IGNORECASE)
+_RETURN = -1  # RET, besides the M codes that end a program
 _DYNAMICS = {1: "_FINISH", 2: "_SEMIFIN", 3: "_ROUGH", 4: "_PRECISION"}
+
+
+NAMES = Names("TRAORI", "TRAFOOF")
 
 
 class Placed(NamedTuple):
@@ -84,23 +95,6 @@ class Placed(NamedTuple):
 
     value: float
     how: str = ""
-
-
-class _Open(NamedTuple):
-    """An open IF or loop: the offset of its line, the place of its body, and of a FOR its variable and last value."""
-
-    kind: str
-    head: int
-    body: Place
-    variable: str = ""
-    last: float = 0.0
-
-
-class _Mark(NamedTuple):
-    """The target of a jump: the place of its line, and the offsets of the lines of the IFs and loops around it."""
-
-    place: Place
-    around: tuple[int, ...]
 
 
 class _Words:
@@ -114,6 +108,7 @@ class _Words:
         self.frames: list[str] = []
         self.polynomials: dict[str, list[float]] = {}
         self.tool: str | None = None
+        self.call: Call | None = None
 
     def take(self, name: str) -> float | None:
         """Remove a word that is always absolute, and return its value."""
@@ -126,39 +121,17 @@ class _Words:
 
 
 class SiemensInterpreter:
-    """The interpreter of a SINUMERIK part program.
+    """The interpreter of a SINUMERIK part program; parameters of the setting are variables, R1 .. are R parameters."""
 
-    tools        the tool table, by number
-    numbered     the origins of G54 .. in the parameters of a `.var` file
-    tables_inch  both are in inches
-    skip_deleted True to skip lines that begin with /
-    most_again   largest number of lines that jumps and loops may repeat
-    parameters   values of variables that the program does not set; R1 and the like are R parameters
-    """
-
-    def __init__(
-        self,
-        program: Path,
-        tools: dict[int, Tool] | None = None,
-        numbered: dict[int, float] | None = None,
-        tables_inch: bool = False,
-        skip_deleted: bool = False,
-        most_again: int = MOST_AGAIN,
-        *,
-        parameters: Mapping[str, float] | None = None,
-    ) -> None:
-        self._state = State(Parameters(numbered), tables_inch)
-        self._tools, self._skip_deleted = tools, skip_deleted
-        self._flow = Flow(program, self._state.parameters, most_again)
-        self._out: list[Command] = []
-        self._line = Line(str(program), 0, "")
-        self._motion = Motion(self._state, self._emit, self._flow.moved)
-        self._variables: dict[str, float] = {}
-        for name, value in (parameters or {}).items():
-            self._variables["".join(name.split()).upper()] = value
-        self._open: list[_Open] = []
+    def __init__(self, program: Path, setting: Setting) -> None:
+        self._run = run = Execution(program, setting, NAMES)
+        self._setting, self._state, self._tools = setting, run.state, run.tools
+        self._emit, self._lines, self._switches, self._motion = run.emit, run.lines, run.switches, run.motion
+        variables = {"".join(name.split()).upper(): value for name, value in setting.parameters.items()}
+        self._flow = SiemensFlow(run.lines, variables, self._live)
         self._shift, self._angle = [0.0] * 9, 0.0  # programmable frame, mm and degrees
         self._settable: list[float] = [0.0] * 9
+        self._system = 1  # 0 for G500
         self._modal = 1  # G0 .. G3; the control starts in G1
         self._curve = ""  # CIP or POLY in place of G0 .. G3
         self._incremental = self._inch = self._inch_feed = False
@@ -166,260 +139,97 @@ class SiemensInterpreter:
         self._contour_tolerance = self._rounding = 0.0
         self._path = 64
         self._named: dict[str, int] = {}
+        self._edge = 1.0  # D of the tool in the spindle
+        self._length = [0.0] * 9  # its offset, mm and degrees
+        self._corners, self._side, self._follows = Corners(square=True), 40, False  # G450 .., G40 .., KONT
+        self._edges, self._degree = Edges(), 3  # of splines
+        self._step: float | None = None  # PL of BSPLINE
+        self._told: set[str] = set()  # kinds of splines of which the operator was told
         self._next_edge = 1.0  # D of the tool that the next M6 changes to
         self._ended = False
-        self._path_of_program = program
-        self._marks: dict[str, list[_Mark]] | None = None
         self._before: dict[int, float] = {}  # coordinates of axes that were not programmed since frames changed
         self._rotation = 0.0  # of the settable offset, degrees
 
     def commands(self) -> Generator[Command]:
         """Yield the canonical commands in program order."""
-        try:
-            self._begin()
-            while not self._ended:
-                yield from self._taken()
-                line = self._flow.next_line()
-                if line is None:
-                    self._finish()
-                    break
-                self._line = line
-                try:
-                    self._execute(line)
-                except BlockError as fault:
-                    raise blocks.located(line, fault) from None
-                except ArithmeticError:
-                    raise blocks.located(
-                        line, BlockError("the numbers of this block are too large: check units and variables")
-                    ) from None
-            yield from self._taken()
-        finally:
-            self._flow.close()
+        return self._run.commands(self)
 
-    def _taken(self) -> list[Command]:
-        out, self._out = self._out, []
-        return out
+    # what `Execution` asks of a language
 
-    def _emit(self, name: str, *values: Value) -> None:
-        self._out.append(Command(name, values, self._line))
+    @property
+    def loop(self) -> str:
+        """The innermost loop that is running in the program itself, with its line."""
+        return self._flow.loop
 
-    def _begin(self) -> None:
-        # the settable offsets act from the start on, as if G54 stood there: 0 without a table
+    def begin(self) -> None:
+        """Emit the state at the start of the program."""
         self._emit("USE_LENGTH_UNITS", "CANON_UNITS_MM")
+        # the settable offsets act from the start on, as if G54 stood there: 0 without a table
         self._choose_system(1)
+        self._state.position = self._state.program(self._setting.start)
         self._emit("SET_G92_OFFSET", *[0.0] * 9)
         self._before.clear()
         self._emit("ON_RESET")
         self._set_path(64)
 
-    def _finish(self) -> None:
-        if self._open:
-            kind = self._open[-1].kind
-            raise blocks.located(self._line, BlockError(f"the program ends inside {kind}: write {_OPENS[kind]}", kind))
-        self._emit("FINISH")
-
-    # a line
-
-    def _execute(self, line: Line) -> None:
-        text = _without_comment(line.text)
-        if _HEADER.match(text):
-            return
+    def execute(self, line: Line) -> bool:
+        """Execute a line; return True if it ends the program."""
+        text = without_comment(line.text)
         if deleted := _DELETED.match(text):
-            if self._skip_deleted:
-                return
+            if self._setting.skip_deleted:
+                return False
             text = " " * deleted.end() + text[deleted.end() :]
-        begin = _BEGIN.match(text)
-        assert begin is not None
-        at = begin.end()
-        values = Values(text, at, self._value)
-        flow = _FLOW.match(text, at)
-        if flow:
-            self._control(flow[1].upper(), values, flow.end())
-        elif at < len(text.rstrip()):
+        ends, word, at = self._flow.take(text)
+        if ends:
+            return self.finish()
+        values = Values(text, begin_of(text), self._flow.value)
+        if word:
+            self._flow.control(word, values, at)
+        elif at < len(values.text):
             self._block(values)
+        return self._ended
 
-    def _value(self, name: str, index: str | None) -> float:
-        """Return the value of a variable, an R parameter or a system variable."""
-        name = name.upper()
+    def finish(self) -> bool:
+        """End the program, or return from a subprogram, at the end of its file or section."""
+        self._flow.check_end()
+        if not self._flow.leave():
+            return False
+        self._run.end_spline(None)
+        self._switches.leave_contour()
+        self._emit("FINISH")
+        return True
+
+    def words(self) -> str:
+        """Return the modal state as words: that of the path, of the machine and of the frame."""
+        state = self._state
+        words = [
+            "G700" if self._inch_feed else "G70" if self._inch else "G71",
+            f"G{state.plane // 10}",
+            "G91" if self._incremental else "G90",
+            f"G{state.feed_mode // 10}",
+            f"G{self._path}",
+        ]
+        words += [f"CTOL={self._contour_tolerance:.6g}"] if self._contour_tolerance else []
+        words += [f"ADIS={self._rounding:.6g}"] if self._rounding else []
+        words += [next((f"G{code}" for code, system in _SYSTEMS.items() if system == self._system), "G500")]
+        words += [f"G{450 + self._corners.sharp}", f"T{state.tool}"]
+        words += ["D1"] if any(state.tool_offset) else []
+        words += [f"S{state.speed:.6g} {'M3' if state.spindle > 0 else 'M4'}" if state.spindle else "M5"]
+        words += [word for word, on in (("M7", state.mist), ("M8", state.flood)) if on]
+        shift = [f"{AXES[axis].upper()}{value:.8g}" for axis, value in enumerate(self._shift) if value]
+        words += [" ".join(["TRANS", *shift])] if shift else []
+        words += [f"AROT RPL={self._angle:.8g}"] if self._angle else []
+        return " ".join(words)
+
+    def _live(self, name: str, index: str | None) -> float:
+        """Return the value of a system variable."""
         if name in ("$AA_IW", "$P_EP", "$AA_IM") and index is not None:
             axis = AXES.find(index.strip().lower()) if len(index.strip()) == 1 else -1
             if axis < 0:
                 raise BlockError(f"{name} needs the letter of an axis: write {name}[X]", name)
             state = self._state
             return (state.machine(state.position) if name == "$AA_IM" else state.position)[axis]
-        if name.startswith("$"):
-            raise BlockError(f"the system variable {name} is not known before: write its value", name)
-        if name in ("TRUE", "FALSE"):
-            return float(name == "TRUE")
-        if index is not None:
-            raise BlockError(f"arrays such as {name}[{index}] are not read: use one variable for each", name)
-        if re.fullmatch(r"R\d{1,4}", name):
-            return self._variables.get(name, 0.0)
-        if name not in self._variables:
-            raise BlockError(f"the variable {name} has no value here: write DEF REAL {name}= before", name)
-        return self._variables[name]
-
-    # control flow
-
-    def _control(self, word: str, values: Values, at: int) -> None:
-        text = values.text
-        if word == "DEF":
-            self._define(values, at)
-        elif word.startswith("GOTO"):
-            self._jump(text, values.at)
-        elif word == "IF":
-            values.at = at
-            true = values.expression() != 0.0
-            jump = _JUMP.match(text, values.at)
-            if jump:
-                if true:
-                    self._jump(text, jump.start())
-            elif text[values.at :].strip():
-                raise values.fault("behind the condition of IF stands GOTOF, GOTOB or nothing")
-            else:
-                head = self._flow.reader.last.offset
-                if true or self._skip("IF", ("ELSE", "ENDIF")) == "ELSE":
-                    self._push(_Open("IF", head, self._flow.reader.place))
-        elif word == "ELSE":
-            self._top("IF", word)
-            self._skip("IF", ("ENDIF",))
-            self._open.pop()
-        elif word == "ENDIF":
-            self._top("IF", word)
-            self._open.pop()
-        else:
-            values.at = at
-            self._loop(word, values)
-
-    def _loop(self, word: str, values: Values) -> None:
-        reader = self._flow.reader
-        if word == "FOR":
-            self._begin_for(values)
-        elif word == "ENDFOR":
-            loop = self._top("FOR", word)
-            value = self._variables[loop.variable] = self._variables[loop.variable] + 1.0
-            if value <= loop.last:
-                reader.go(loop.body)
-            else:
-                self._open.pop()
-        elif word == "WHILE":
-            if values.expression() == 0.0:
-                self._skip("WHILE", ("ENDWHILE",))
-            else:
-                # back to this line, whose condition is read again
-                self._push(_Open("WHILE", reader.last.offset, reader.last))
-        elif word in ("ENDWHILE", "ENDLOOP"):
-            loop = self._top(word[3:], word)
-            self._open.pop()
-            reader.go(loop.body)
-        elif word == "LOOP":
-            self._push(_Open("LOOP", reader.last.offset, reader.last))
-        elif word == "REPEAT":
-            if values.text[values.at :].strip():
-                raise BlockError("the repetition of labels is not read: write FOR or REPEAT .. UNTIL", "REPEAT")
-            self._push(_Open("REPEAT", reader.last.offset, reader.place))
-        else:
-            loop = self._top("REPEAT", word)
-            if values.expression() == 0.0:
-                reader.go(loop.body)
-            else:
-                self._open.pop()
-
-    def _begin_for(self, values: Values) -> None:
-        found = re.compile(r"\s*([A-Z_][A-Z0-9_]*)\s*=", re.IGNORECASE).match(values.text, values.at)
-        if not found:
-            raise values.fault("a loop is FOR NAME=first TO last")
-        values.at = found.end()
-        first = values.expression()
-        to = re.compile(r"\s*TO(?![A-Z0-9_])", re.IGNORECASE).match(values.text, values.at)
-        if not to:
-            raise values.fault("a loop is FOR NAME=first TO last: TO is missing")
-        values.at = to.end()
-        last, name = values.expression(), found[1].upper()
-        head = self._flow.reader.last.offset
-        self._variables[name] = first
-        if first > last:
-            self._skip("FOR", ("ENDFOR",))
-        else:
-            self._push(_Open("FOR", head, self._flow.reader.place, name, last))
-
-    def _push(self, opened: _Open) -> None:
-        if len(self._open) >= MOST_NESTED:
-            raise BlockError(
-                f"loops and conditions lie more than {MOST_NESTED} deep: is one left by a jump?", opened.kind
-            )
-        self._open.append(opened)
-
-    def _top(self, kind: str, word: str) -> _Open:
-        if not self._open or self._open[-1].kind != kind:
-            raise BlockError(f"{word} ends {kind}, and {self._open[-1].kind if self._open else 'none'} is open", word)
-        return self._open[-1]
-
-    def _skip(self, kind: str, ends: tuple[str, ...]) -> str:
-        """Skip lines behind the end of the part that is open, and return the word that ends it."""
-        depth = 0
-        while (line := self._flow.next_line()) is not None:
-            text = _without_comment(line.text)
-            begin = _BEGIN.match(text)
-            word = _FLOW.match(text, begin.end() if begin else 0)
-            found = word[1].upper() if word else ""
-            if depth == 0 and found in ends:
-                return found
-            if found == kind and not (kind == "IF" and re.search(r"GOTO[FBC]?\s", text, re.IGNORECASE)):
-                depth += 1
-            elif found == _OPENS[kind]:
-                depth -= 1
-        raise BlockError(f"{kind} has no {' or '.join(ends)} behind it: write it", kind)
-
-    def _jump(self, text: str, at: int) -> None:
-        jump = _JUMP.match(text, at)
-        if not jump:
-            raise BlockError("a jump is GOTOF, GOTOB, GOTO or GOTOC and a label or a block number", "GOTO")
-        word, label = jump[1].upper(), jump[2].upper()
-        reader = self._flow.reader
-        here = reader.last.offset
-        if self._marks is None:
-            self._marks = _marks_of(self._path_of_program)
-        marks = self._marks.get(label, [])
-        ahead = [mark for mark in marks if mark.place.offset > here]
-        behind = [mark for mark in marks if mark.place.offset <= here]
-        found = (ahead[:1] if word != "GOTOB" else []) or (behind[-1:] if word != "GOTOF" else [])
-        if not found:
-            if word == "GOTOC":
-                return
-            way = {"GOTOF": "behind this line", "GOTOB": "before this line"}.get(word, "in the program")
-            raise BlockError(f"there is no label or block number {label} {way}: write it, or correct the jump", label)
-        mark = found[0]
-        if tuple(opened.head for opened in self._open[: len(mark.around)]) != mark.around:
-            raise BlockError(
-                f"{label} lies inside a loop or condition, into which no jump leads: jump before it", label
-            )
-        # a jump leaves the loops and conditions that are not around its target
-        del self._open[len(mark.around) :]
-        reader.go(mark.place)
-
-    def _define(self, values: Values, at: int) -> None:
-        kind = re.compile(r"\s*(REAL|INT|BOOL|STRING|CHAR|AXIS|FRAME)(?![A-Z0-9_])", re.IGNORECASE).match(
-            values.text, at
-        )
-        if not kind or kind[1].upper() not in ("REAL", "INT", "BOOL"):
-            raise BlockError("variables are DEF REAL, DEF INT or DEF BOOL: others are not read", "DEF")
-        values.at = kind.end()
-        while True:
-            name = re.compile(r"\s*([A-Z_][A-Z0-9_]*)\s*(\[)?", re.IGNORECASE).match(values.text, values.at)
-            if not name or name[2]:
-                raise values.fault("a variable has a name, and no index: arrays are not read")
-            values.at = name.end()
-            value = 0.0
-            if values.skipped().startswith("="):
-                values.at += 1
-                value = values.expression()
-            self._variables[name[1].upper()] = value
-            if not values.skipped().startswith(","):
-                break
-            values.at += 1
-        if values.skipped():
-            raise values.fault("nothing else stands behind a definition")
+        raise BlockError(f"the system variable {name} is not known before: write its value", name)
 
     # words
 
@@ -446,17 +256,30 @@ class SiemensInterpreter:
             values.arguments()
             self._emit("IGNORED", keyword)
             return
-        if name and self._called(values, words, keyword, name.end()):
+        if name and self._keyword(values, words, keyword, name.end()):
             return
         address = _ADDRESS.match(text, at)
+        if name and (not address or re.fullmatch(r"L\d+", keyword)):
+            self._subprogram(values, words, keyword, at)
+            return
         if not address:
-            known = f"the word {keyword} is not known here: take it out" if keyword else "a word begins with a letter"
-            raise values.fault(known, at, keyword or text[at : at + 8])
+            raise values.fault("a word begins with a letter", at, text[at : at + 8])
         values.at = address.end()
         self._add(values, words, address[1].upper(), Placed(_number(address[2])), at)
 
+    def _subprogram(self, values: Values, words: _Words, name: str, at: int) -> None:
+        """Read the call of a subprogram: its name and its arguments."""
+        try:
+            self._flow.check_known(name)
+        except BlockError as fault:
+            raise values.fault(f"the word {name} is not known here, and {fault.reason}", at, name) from None
+        if words.call:
+            raise values.fault(f"{words.call.name} and {name} are called in one block: use two lines", at, name)
+        values.at = at + len(name)
+        words.call = Call(name, tuple(values.tokens()))
+
     def _assignable(self, name: str) -> bool:
-        if name in _WORDS or name in self._variables or name == "PO" or re.fullmatch(r"R\d{1,4}", name):
+        if name in _WORDS or name == "PO" or self._flow.is_variable(name):
             return True
         return name.startswith("$") or bool(refusal(name))
 
@@ -487,32 +310,43 @@ class SiemensInterpreter:
         elif index is not None:
             raise values.fault("arrays are not read: use one variable for each", at, name)
         else:
-            self._variables[name] = values.expression()
+            self._flow.assign(name, values.expression())
 
-    def _called(self, values: Values, words: _Words, keyword: str, end: int) -> bool:
-        """Read a keyword, or a call with its arguments; return False if the name is none of these."""
-        if keyword in _MOTIONS:
-            words.keywords.append(keyword)
-        elif keyword in _FRAMES:
-            words.frames.append(keyword)
-        elif keyword in ("SUPA", "FNORM", "DIAMOF", "RET", "STOPRE", "TRAFOOF"):
-            words.keywords.append(keyword)
-        elif keyword == "MSG":
-            values.at = end
-            self._emit("MESSAGE", values.message())
-            return True
-        elif keyword == "CYCLE832":
-            values.at = end
-            self._high_speed(values.tokens())
-            return True
-        elif keyword == "CYCLE800":
-            values.at = end
-            if any(values.tokens()):
-                raise values.fault(refusal("TRAORI") or "", word="CYCLE800")
-            return True
-        else:
+    def _keyword(self, values: Values, words: _Words, keyword: str, end: int) -> bool:
+        """Read a keyword with its arguments; return False if the name is none."""
+        known = keyword in _MOTIONS or keyword in _FRAMES or keyword in _KEYWORDS
+        if not known and keyword not in _WITH_ARGUMENTS:
             return False
         values.at = end
+        if keyword in _FRAMES:
+            words.frames.append(keyword)
+        elif known:
+            words.keywords.append(keyword)
+        elif keyword == "MSG":
+            self._emit("MESSAGE", values.message())
+        elif keyword == "CYCLE832":
+            self._high_speed(values.tokens())
+        elif keyword in ("CALL", "EXTCALL"):
+            bracket = values.skipped().startswith("(")
+            values.at += bracket
+            name = values.string()
+            if name is None:
+                raise values.fault(f'{keyword} needs the name of a program in quotes, such as {keyword} "POCKET"')
+            if bracket:
+                values.closing()
+            at = values.at
+            self._subprogram(values, words, program_name(name), at)
+            values.at = at
+        else:
+            arguments = [argument for argument in values.tokens() if argument]
+            if keyword == "CYCLE800" and arguments:
+                raise values.fault(refusal("TOROT"), word="CYCLE800")
+            if keyword == "TRAORI" and arguments not in ([], ["1"]):
+                raise values.fault(
+                    "TRAORI has the number 1 or none: the axes of the machine are those of [kinematics]", word="TRAORI"
+                )
+            if keyword != "CYCLE800":
+                words.keywords.append(keyword)
         return True
 
     def _add(self, values: Values, words: _Words, letter: str, placed: Placed, at: int) -> None:
@@ -535,8 +369,8 @@ class SiemensInterpreter:
             words.m_codes.append(round(placed.value))
         elif letter == "T":
             words.tool = f"{placed.value:g}"
-        elif letter in ("H", "L", "P", "Q", "E", "O"):
-            raise values.fault(refusal(letter) or "", at, letter)
+        elif letter in ("H", "Q", "E", "O"):
+            raise values.fault(refusal(letter), at, letter)
         elif letter in words.values:
             raise values.fault(f"the word {letter} stands twice in this block: split the line", at, letter)
         elif not abs(placed.value) <= blocks.LARGEST:
@@ -548,46 +382,144 @@ class SiemensInterpreter:
 
     def _act(self, words: _Words) -> None:
         codes, state = words.codes, self._state
+        if words.call and (codes or words.m_codes or words.frames or words.values.keys() - {"P"}):
+            raise BlockError(
+                f"the call of {words.call.name} stands in a block of its own: use two lines", words.call.name
+            )
+        if state.compensation and codes.get("radius") != 40:
+            self._refuse_on_contour(words)
+        if state.spline:
+            self._refuse_in_spline(words)
         if "feed" in codes:
-            state.feed_mode, state.feed = 10 * codes["feed"], 0.0
-            self._emit("SET_FEED_MODE", 0, int(codes["feed"] == 95))
-            if codes["feed"] != 93:
-                self._emit("SET_FEED_RATE", 0.0)
+            self._switches.feed_mode(10 * codes["feed"])
         if "unit" in codes:
             self._inch, self._inch_feed = codes["unit"] in (70, 700), codes["unit"] == 700
         if "F" in words.values and state.feed_mode != 930 and codes.get("once") != 4:
-            feed = words.take("F") or 0.0
-            if feed < 0:
-                raise BlockError(f"a feed is not negative: F{Quantity(feed):6}", "F")
-            state.feed = feed * (INCH if self._inch_feed else 1.0)
-            self._emit("SET_FEED_RATE", state.feed)
+            self._switches.feed((words.take("F") or 0.0) * (INCH if self._inch_feed else 1.0))
         if codes.get("once") == 4:
             self._dwell(words)
         if (speed := words.take("S")) is not None:
-            state.speed = speed
-            self._emit("SET_SPINDLE_SPEED", 0, speed)
+            self._switches.speed(speed)
         stop = self._tools_and_switches(words)
+        self._tool_point(words)
         if "plane" in codes:
-            state.plane, name = _PLANES[codes["plane"]]
-            self._emit("SELECT_PLANE", name)
+            self._switches.plane(10 * codes["plane"])
         if "distance" in codes:
             self._incremental = codes["distance"] == 91
         self._path_words(words)
         if "offset" in codes:
             self._choose_system(_SYSTEMS.get(codes["offset"], 0))
+        self._radius_words(words)
+        moved = False
         if words.frames:
             self._set_frame(words)
         else:
-            self._move(words)
+            moved = self._move(words)
+        call = self._call_of(words)
         if "RET" in words.keywords:
-            stop = 17
+            stop = _RETURN
         if words.values:
             letter = next(iter(words.values))
             raise BlockError(
                 f"no code of this block uses the word {letter}: take it out, or write the code it belongs to", letter
             )
+        if call:
+            self._flow.call(call, "MCALL" in words.keywords)
+        elif moved:
+            self._flow.moved()
         if stop is not None:
             self._stop(stop)
+
+    def _call_of(self, words: _Words) -> Call | None:
+        """Return the call of a subprogram, with its repeats, and end the modal call by MCALL alone."""
+        call = words.call
+        if "MCALL" in words.keywords and call is None:
+            self._flow.end_modal()
+        if call is None:
+            return None
+        repeats = words.take("P")
+        if repeats is None:
+            return call
+        if repeats != round(repeats):
+            raise BlockError(f"P repeats a call a whole number of times, not {repeats:g}", "P")
+        return call._replace(repeats=round(repeats))
+
+    # radius compensation and tool point
+
+    def _refuse_on_contour(self, words: _Words) -> None:
+        """Refuse what radius compensation excludes."""
+        codes, state = words.codes, self._state
+        plane = codes.get("plane", state.plane // 10) != state.plane // 10
+        named = [f"G{codes[group]}" for group, on in (("plane", plane), ("offset", "offset" in codes)) if on]
+        named += [f"G{codes['once']}"] if codes.get("once") in (53, 153) else []
+        named += words.frames + [
+            word for word in words.keywords if word in ("SUPA", "TRAORI", "TRAFOOF", "POLY", *KINDS)
+        ]
+        named += ["M6"] if 6 in words.m_codes else ["D"] if "D" in words.values and words.tool is None else []
+        if named:
+            raise BlockError(
+                f"{named[0]} does not go with radius compensation: write G40 in a line before it", named[0]
+            )
+
+    def _refuse_in_spline(self, words: _Words) -> None:
+        """Refuse what changes coordinates before the end of a spline is known."""
+        codes = words.codes
+        named = [f"G{codes[group]}" for group in ("offset", "radius") if group in codes]
+        named += words.frames + [word for word in words.keywords if word in ("TRAORI", "TRAFOOF")]
+        named += ["M6"] if 6 in words.m_codes else ["D"] if "D" in words.values and words.tool is None else []
+        if named:
+            raise BlockError(
+                f"{named[0]} stands before the end of a spline is known: write the move behind the spline before it",
+                named[0],
+            )
+
+    def _radius_words(self, words: _Words) -> None:
+        """Execute G40, G41, G42; how the contour is entered (NORM, KONT); its corners (G450, G451)."""
+        codes, state = words.codes, self._state
+        self._follows = "KONT" in words.keywords or (self._follows and "NORM" not in words.keywords)
+        if words.take("DISC"):
+            raise BlockError("DISC distorts the arc at a corner, which is not planned: write DISC=0, or G451", "DISC")
+        if "corner" in codes:
+            self._corners = self._corners._replace(sharp=codes["corner"] == 451)
+            if state.compensation:
+                state.compensation.corners = self._corners
+        code = codes.get("radius")
+        if code == 40:
+            self._switches.leave_contour()
+            self._side = 40
+        elif code is not None and code != self._side:
+            name = f"G{code}"
+            if self._side != 40:
+                raise BlockError(f"G{self._side} is on: write G40 and a straight move before {name}", name)
+            if self._follows:
+                raise BlockError("the way around the start of the contour (KONT) is not planned: write NORM", "KONT")
+            self._side = code
+            self._switches.begin_contour(name, self._diameter(name), code == 41, self._corners)
+
+    def _diameter(self, name: str) -> float:
+        """Return the diameter of the tool with its active cutting edge, mm."""
+        state = self._state
+        tool = self._tools.get(state.tool) if self._tools is not None else None
+        if tool is None:
+            reason = f"tool {state.tool} is not in the tool table" if state.tool else "no tool is in the spindle"
+            raise BlockError(f"{reason}, whose radius {name} needs: give the table, and write T, M6 and D1", name)
+        self._switches.check_round(tool.orientation, name)
+        # D0 is no cutting edge, and its radius 0
+        return tool.diameter * state.scale if self._edge else 0.0
+
+    def _tool_point(self, words: _Words) -> None:
+        """Execute TRAORI (from here on X Y Z are the tip of the tool) and TRAFOOF (the axes of the machine)."""
+        state = self._state
+        if "TRAORI" in words.keywords and not state.tool_point:
+            begin_tool_point(state, self._emit, "TRAORI", state.tool_offset, False)
+            self._before.clear()
+            self._run.forget_heading()
+        elif "TRAFOOF" in words.keywords and state.tool_point:
+            end_tool_point(state, self._emit)
+            if any(self._length):
+                set_tool_offset(state, self._emit, self._length)
+            self._before.clear()
+            self._run.forget_heading()
 
     def _dwell(self, words: _Words) -> None:
         seconds, turns = words.take("F"), words.take("S")
@@ -595,30 +527,24 @@ class SiemensInterpreter:
             seconds = 60.0 * turns / self._state.speed
         if seconds is None or seconds < 0:
             raise BlockError("G4 needs F and the seconds, or S and turns of a turning spindle", "G4")
-        self._emit("DWELL", seconds)
+        self._switches.dwell(seconds, "F")
 
     def _tools_and_switches(self, words: _Words) -> int | None:
         """Execute T, D and M; return the M code that stops or ends the program."""
-        state, stop = self._state, None
+        stop = None
         edge = words.take("D")
         if words.tool is not None:
             # the cutting edge is that of the tool that M6 will change to, and the first one if none is named
             self._next_edge, edge = 1.0 if edge is None else edge, None
-            state.selected = self._tool_number(words.tool)
-            self._emit("SELECT_TOOL", state.selected)
+            self._switches.select(self._tool_number(words.tool))
         for code in words.m_codes:
             if code == 6:
-                self._emit("START_CHANGE")
-                self._emit("STOP_SPINDLE_TURNING", 0)
-                state.spindle, state.tool = 0, state.selected
-                self._emit("CHANGE_TOOL", state.tool)
+                self._switches.change_tool("M6")
                 edge, self._next_edge = self._next_edge if edge is None else edge, 1.0
             elif code in _SPINDLE:
-                state.spindle = {3: 1, 4: -1, 5: 0}[code]
-                self._emit(_SPINDLE[code], 0)
-            elif code in _COOLANT:
-                for name in _COOLANT[code]:
-                    self._emit(name)
+                self._switches.turn(_SPINDLE[code])
+            elif code in (7, 8, 9):
+                self._switches.coolant(mist=code == 7, flood=code == 8)
             elif code in (0, 1, 2, 17, 30):
                 stop = code
             elif 40 <= code <= 45:
@@ -660,14 +586,28 @@ class SiemensInterpreter:
             # without a table the program moves the tip of a tool of no length
             self._emit("IGNORED", f"D{edge:g}")
             return
-        offset = self._state.to_program(tool.offset) if tool is not None and edge else [0.0] * 9
-        self._state.keep_machine(tool_offset=offset)
-        self._emit("USE_TOOL_LENGTH_OFFSET", *offset)
+        state = self._state
+        self._edge = edge
+        self._length = state.to_program(tool.offset) if tool is not None and edge else [0.0] * 9
+        turns = state.tool_point is not None
+        # the length changes where the machine stands, and the tip with it
+        end_tool_point(state, self._emit)
+        set_tool_offset(state, self._emit, self._length)
+        if turns:
+            begin_tool_point(state, self._emit, "TRAORI", self._length, False)
 
     def _stop(self, code: int) -> None:
         if code in (0, 1):
-            self._emit("OPTIONAL_PROGRAM_STOP" if code else "PROGRAM_STOP")
+            self._switches.stop(optional=bool(code))
             return
+        if self._lines.calls:
+            if code != _RETURN:
+                self._emit("EXACT_STOP")
+            self._flow.leave()
+            return
+        self._run.end_spline(None)
+        self._switches.leave_contour()
+        end_tool_point(self._state, self._emit)
         self._emit("STOP_SPINDLE_TURNING", 0)
         self._emit("PROGRAM_END")
         self._ended = True
@@ -692,18 +632,22 @@ class SiemensInterpreter:
 
     def _set_path(self, code: int) -> None:
         """Execute G60 or G64 ff: G641 within a part of ADIS, G642 to G645 within CTOL or the tolerance of CYCLE832."""
-        state, self._path = self._state, code
-        state.path_mode = _MODES[code]
+        self._path = code
         within = {64: 0.0, 641: ROUNDED * self._rounding}.get(code, self._contour_tolerance)
-        state.tolerance = state.naive_tolerance = within
-        emit_path_mode(state, self._emit)
+        self._switches.path_mode(_MODES[code], within, within)
 
     def _high_speed(self, arguments: list[str]) -> None:
         """Execute CYCLE832(tolerance, type, ...): continuous within the tolerance; CYCLE832() and type 0 end it."""
         given = [argument.strip() for argument in arguments]
-        tolerance = Values(given[0], 0, self._value).whole() if given and given[0] else 0.0
+        tolerance = Values(given[0], 0, self._flow.value).whole() if given and given[0] else 0.0
         kind = given[1].upper() if len(given) > 1 else ""
-        name = "" if not kind else kind if kind.startswith("_") else str(int(Values(kind, 0, self._value).whole()) % 10)
+        name = (
+            ""
+            if not kind
+            else kind
+            if kind.startswith("_")
+            else str(int(Values(kind, 0, self._flow.value).whole()) % 10)
+        )
         if tolerance < 0:
             raise BlockError(f"a tolerance is not negative: {Quantity(tolerance):6}", "CYCLE832")
         off = name in ("_OFF", "0") or not any(given)
@@ -717,7 +661,7 @@ class SiemensInterpreter:
 
     def _choose_system(self, system: int) -> None:
         state = self._state
-        state.system = system or 1
+        state.system, self._system = system or 1, system
         numbered = state.parameters.numbered
         # the offset acts in mm here, whatever the program's unit is
         self._settable = state.stored(first_of(system)) if system else [0.0] * 9
@@ -732,6 +676,8 @@ class SiemensInterpreter:
         # an incremental move behind a change of frames also makes the change (SD42440, whose default this is)
         for axis, value in enumerate(state.position):
             self._before.setdefault(axis, value)
+        if self._rotation + self._angle != state.rotation:
+            self._run.forget_heading()
         state.keep_machine(origin, self._rotation + self._angle)
         self._emit("SET_G5X_OFFSET", state.system, *origin)
         self._emit("SET_XY_ROTATION", state.rotation)
@@ -763,23 +709,33 @@ class SiemensInterpreter:
 
     # motion
 
-    def _move(self, words: _Words) -> None:
+    def _move(self, words: _Words) -> bool:
+        """Execute the motion of a block; return False if there is none."""
         codes, state = words.codes, self._state
         curve = next((word for word in words.keywords if word in _MOTIONS), "")
+        if state.spline and ("motion" in codes or curve not in ("", state.spline.kind)):
+            state.spline.closed = True
         if "motion" in codes:
             self._modal, self._curve = codes["motion"], ""
         if curve:
             if "motion" in codes:
                 raise BlockError(f"G{codes['motion']} and {curve} exclude each other: use two lines", curve)
             self._curve = curve
+        for name in words.keywords:
+            field = "begin" if name in BEGINS else "end" if name in ENDS else ""
+            self._edges = self._edges._replace(**{field: name}) if field else self._edges
+        if (degree := words.take("SD")) is not None:
+            if degree not in (2.0, 3.0):
+                raise BlockError(f"SD is the degree of BSPLINE, 2 or 3, not {degree:g}", "SD")
+            self._degree = round(degree)
         once = codes.get("once", -1)
         if once in (110, 111, 112):
             self._set_pole(words, once)
-            return
-        moving = [letter for letter in (*AXES.upper(), "AP", "RP") if letter in words.values]
+            return False
+        moving = [letter for letter in (*AXES.upper(), "AP", "RP", *VECTOR) if letter in words.values]
         if not moving and not words.polynomials and not any(letter in words.values for letter in ("I", "J", "K", "AR")):
-            return
-        block = Block(self._line)
+            return False
+        block = Block(self._run.line)
         if state.feed_mode == 930 and "F" in words.values:
             block.words["f"] = words.values.pop("F").value
         if "SUPA" in words.keywords or once in (53, 153):
@@ -788,15 +744,20 @@ class SiemensInterpreter:
             self._contour(words, block)
         if once == 9:
             self._emit("EXACT_STOP")
+        return True
 
     def _contour(self, words: _Words, block: Block) -> None:
         target = self._target(words)
+        if self._curve not in ("", "CIP") and self._state.compensation:
+            raise BlockError(f"{self._curve} does not go with radius compensation: write G40 before", self._curve)
         if words.polynomials and self._curve != "POLY":
             raise BlockError("PO[] belongs to POLY: write POLY in this block or before", "PO")
         if self._curve == "CIP":
             self._through(words, target, block)
         elif self._curve == "POLY":
             self._polynomial(words, target)
+        elif self._curve:
+            self._spline(words, target)
         else:
             for axis, letter in enumerate(AXES):
                 if target[axis] != self._state.position[axis] or self._modal >= 2:
@@ -817,7 +778,27 @@ class SiemensInterpreter:
             placed = words.values.pop(letter, None)
             if placed is not None:
                 target[axis] = self._placed(placed, axis, target[axis], unit if axis in LINEAR else 1.0)
+        if not words.values.keys().isdisjoint(VECTOR):
+            self._aim(words, target)
         return target
+
+    def _aim(self, words: _Words, target: list[float]) -> None:
+        """Turn the rotary axes of a target so that the tool has the direction A3= B3= C3= of the workpiece's frame."""
+        state = self._state
+        if state.tool_point is None:
+            word = next(word for word in VECTOR if word in words.values)
+            raise BlockError(f"{word}= is a direction of the tool, whose tip is not moved: write TRAORI before", word)
+        letters = state.tool_point.rotary_letters
+        turned = [
+            letter
+            for letter in letters
+            if target[AXES.index(letter.lower())] != state.position[AXES.index(letter.lower())]
+        ]
+        if turned:
+            raise BlockError(f"{turned[0]} and A3= B3= C3= exclude each other: write one of the two ways", turned[0])
+        x, y, z = (words.take(word) or 0.0 for word in VECTOR)
+        x, y = rotated(x, y, state.rotation)
+        self._motion.turn_to(target, [x, y, z], "A3 B3 C3")
 
     def _placed(self, placed: Placed, axis: int, here: float, unit: float) -> float:
         value, how = placed.value * unit, placed.how
@@ -916,6 +897,8 @@ class SiemensInterpreter:
             raise BlockError(
                 "the circle of CIP lies in none of the planes XY, ZX and YZ: such circles are not planned", "CIP"
             )
+        if plane != state.plane and state.compensation:
+            raise BlockError("CIP in another plane does not go with radius compensation: write G40 before", "CIP")
         first, second, _ = PLANES[plane]
         a, b, c = ((point[first], point[second]) for point in (begin, middle, end))
         center = _center(a, b, c)
@@ -927,12 +910,38 @@ class SiemensInterpreter:
         kept = state.plane
         for code in (plane, kept) if plane != kept else ():
             if code == plane:
-                state.plane = code
-                self._emit("SELECT_PLANE", _PLANES[code // 10][1])
+                self._switches.plane(code)
         self._motion.move(block, 30 if turned > 0.0 else 20, False)
         if plane != kept:
-            state.plane = kept
-            self._emit("SELECT_PLANE", _PLANES[kept // 10][1])
+            self._switches.plane(kept)
+
+    def _spline(self, words: _Words, target: list[float]) -> None:
+        """Read a block of ASPLINE, BSPLINE or CSPLINE: a point, of BSPLINE with its weight PW."""
+        state, kind = self._state, self._curve
+        if state.feed_mode == 930 or state.feed <= 0:
+            raise BlockError(f"{kind} needs a feed above 0 in G94 or G95: write F in this block or before", kind)
+        moved = [AXES[axis].upper() for axis in range(3, 9) if target[axis] != state.position[axis]]
+        if moved:
+            raise BlockError(f"{kind} moves X, Y and Z: move {moved[0]} in a block of its own", moved[0])
+        length = words.take("PL")
+        spline = state.spline
+        if spline and (spline.closed or spline.kind != kind):
+            # its end has no move behind it
+            self._run.end_spline(None)
+            spline = None
+        if spline is None:
+            spline = self._run.begin_spline(kind, self._degree, self._edges)
+            self._step = length
+            if kind not in self._told:
+                self._told.add(kind)
+                what = "knots are even" if kind == "BSPLINE" else "the parameter is the sum of chords"
+                self._emit("MESSAGE", f"{kind}: {what}; those of the control are not documented")
+        if length != self._step or (length is not None and kind != "BSPLINE"):
+            raise BlockError("PL is read in BSPLINE, and if it is the same in all blocks: even knots", "PL")
+        spline.end_by(self._edges.end)
+        spline.add(self._run.line, target, words.take("PW"))
+        self._lines.moved()
+        state.position = list(target)
 
     def _polynomial(self, words: _Words, target: list[float]) -> None:
         """Execute POLY: x(p) = x0 + a1 p + a2 p² + a3 p³ with x(PL) the end, as a Bezier curve of third degree."""
@@ -961,14 +970,19 @@ class SiemensInterpreter:
             for x0, x1, c2, c3 in zip(start, target, *higher, strict=True):
                 c1 = x1 - x0 - c2 - c3
                 points.append(x0 + (share[0] * c1 + share[1] * c2) / of)
-        self._flow.moved()
-        state.position = list(target)
+        self._lines.moved()
         self._emit("BEZIER_FEED", *points, *target)
+        state.position = list(target)
 
     def _machine_move(self, words: _Words, block: Block) -> None:
         """Execute a straight move in machine coordinates (G53, G153, SUPA)."""
         if self._modal > 1 or self._curve:
             raise BlockError("G53, G153 and SUPA go with G0 and G1", "SUPA" if "SUPA" in words.keywords else "G")
+        if self._state.tool_point:
+            raise BlockError(
+                "positions of the machine's axes do not go with TRAORI: write TRAFOOF in a line before",
+                "SUPA" if "SUPA" in words.keywords else "G",
+            )
         state, unit = self._state, INCH if self._inch else 1.0
         standing = state.machine(state.position)
         machine = list(standing)
@@ -986,49 +1000,9 @@ class SiemensInterpreter:
         self._motion.move(block, 10 * self._modal, False)
 
 
-def _marks_of(program: Path) -> dict[str, list[_Mark]]:
-    """Return the places of all labels and block numbers to which the program jumps."""
-    wanted: set[str] = set()
-    marks: dict[str, list[_Mark]] = {}
-    reader = LineReader(program)
-    try:
-        while (line := reader.read()) is not None:
-            text = _without_comment(line.text)
-            wanted |= {jump[2].upper() for jump in re.finditer(_JUMP, text)}
-        reader.go(Place(0, 0))
-        around: list[int] = []
-        while (line := reader.read()) is not None:
-            text = _without_comment(line.text)
-            begin = _BEGIN.match(text)
-            assert begin is not None
-            for name in (begin[1], (begin[2] or "").upper()):
-                if name in wanted:
-                    marks.setdefault(name, []).append(_Mark(reader.last, tuple(around)))
-            word = _FLOW.match(text, begin.end())
-            kind = word[1].upper() if word else ""
-            if kind in _OPENS and not re.search(r"GOTO[FBC]?\s", text, re.IGNORECASE):
-                around.append(reader.last.offset)
-            elif kind in _OPENS.values() and around:
-                around.pop()
-    finally:
-        reader.close()
-    return marks
-
-
 def _number(text: str) -> float:
     """Return the value of a number, whose exponent is EX."""
     return float(re.sub("EX", "e", text, flags=re.IGNORECASE))
-
-
-def _without_comment(text: str) -> str:
-    """Return a line without the comment behind ; outside of quotes."""
-    at, quoted = 0, False
-    for at, letter in enumerate(text):
-        if letter == '"':
-            quoted = not quoted
-        elif letter == ";" and not quoted:
-            return text[:at]
-    return text
 
 
 def _center(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> tuple[float, float]:

@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from feeddrive.language.errors import FileError, shown
 from feeddrive.language.quantity import Quantity
@@ -17,6 +18,7 @@ from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program.blocks import AXES, Block, BlockError, Parameters, name_of
 from feeddrive.path.program.compensation import Compensation
 from feeddrive.path.program.nurbs import Nurbs
+from feeddrive.path.program.siemens_splines import PointSpline
 
 _WORD = re.compile(r"([A-Za-z])([+-]?(?:\d+\.?\d*|\.\d+))\s*")
 _AXES = "XYZABCUVW"
@@ -113,6 +115,17 @@ def rotated(x: float, y: float, degrees: float) -> tuple[float, float]:
     return c * x - s * y, s * x + c * y
 
 
+class Names(NamedTuple):
+    """The words of a language of which the messages of all languages speak.
+
+    tool_point  from here on X Y Z are the tip of the tool
+    joints      ends it
+    """
+
+    tool_point: str = "G43.4, G43.5"
+    joints: str = "G49"
+
+
 class State:
     """The modal state of a program, and the position in program coordinates and in the program's length unit.
 
@@ -124,14 +137,23 @@ class State:
     compensation  the radius compensation, if it is on; `position` is then that of the programmed contour
     extruder_incremental  `incremental` for the axis U, which G90 and G91 set too, and M82 and M83 of a printer alone
     nurbs         the curve of G5.2 or G6.2 whose control points are being read
+    spline        the spline of SINUMERIK whose points are being read, or whose end waits for the next move
     leaving       the position of the tool's center between G40 and the next move; otherwise None
     kinematics    the kinematics of the machine, if it has any
     tool_point    the kinematics with the tool, while X Y Z are its tip in the frame of the workpiece; otherwise None
     aims          True if a block then gives the direction of the tool by I J K (G43.5)
+    names         words of the program's language in messages
     """
 
-    def __init__(self, parameters: Parameters, user_inch: bool, kinematics: Kinematics | None = None) -> None:
+    def __init__(
+        self,
+        parameters: Parameters,
+        user_inch: bool,
+        kinematics: Kinematics | None = None,
+        names: Names | None = None,
+    ) -> None:
         self.parameters = parameters
+        self.names = names or Names()
         self.kinematics, self.aims = kinematics, False
         self.tool_point: Kinematics | None = None
         self.user_inch = user_inch
@@ -165,6 +187,7 @@ class State:
         self.level: tuple[int, float] | None = None
         self.compensation: Compensation | None = None
         self.nurbs: Nurbs | None = None
+        self.spline: PointSpline | None = None
         self.leaving: list[float] | None = None
 
     # units
@@ -317,6 +340,7 @@ class State:
         }
 
 
+PATH_MODES = {610: "CANON_EXACT_PATH", 611: "CANON_EXACT_STOP", 640: "CANON_CONTINUOUS"}
 BY_CODE = {540: 1, 550: 2, 560: 3, 570: 4, 580: 5, 590: 6, 591: 7, 592: 8, 593: 9}
 
 
@@ -455,28 +479,37 @@ def end_tool_point(state: State, emit: Emit) -> None:
         emit("TOOL_POINT", 0)
 
 
-def _begin_tool_point(state: State, block: Block, emit: Emit, tools: dict[int, Tool], code: int) -> None:
-    """Execute G43.4 or G43.5 with the tool H: from here on X Y Z are the tip of the tool in the frame of the workpiece,
-    whose place in the machine is that at rotary zero.
+def begin_tool_point(state: State, emit: Emit, name: str, offset: Sequence[float], aims: bool) -> None:
+    """Move the tip of the tool from here on: X Y Z are its place in the frame of the workpiece, whose place in the
+    machine is that at rotary zero.
+
+    name    word of the program
+    offset  offset of the tool, in the program's unit; all 0: the tool is that of the machine file
+    aims    True if blocks give the direction of the tool
     """
-    name = name_of("g", code)
     if state.kinematics is None:
         raise BlockError(
             f"{name} moves the tip of the tool, and the machine has no kinematics: give the machine file a section "
             "[kinematics]",
             name,
         )
-    offset = [x / state.meters if axis in LINEAR else x for axis, x in enumerate(_of_table(state, block, tools, name))]
+    offset = [x / state.meters if axis in LINEAR else x for axis, x in enumerate(offset)]
     if any(offset[axis] for axis in range(9) if axis > 2):
         raise BlockError(f"the tool of {name} has an offset of another axis than X, Y and Z: take it out", "H")
     # a tool without an offset is that of the machine file
     kinematics = state.kinematics
     kinematics = replace(kinematics, tool=(-offset[0], -offset[1], -offset[2])) if any(offset) else kinematics
     tip = through(state, kinematics, False)
-    state.tool_point, state.aims = kinematics, code == 435
+    state.tool_point, state.aims = kinematics, aims
     state.tool_offset = [0.0] * 9
     state.position = state.program(tip)
     emit("TOOL_POINT", 1, *(offset[:3]))
+
+
+def set_tool_offset(state: State, emit: Emit, offset: Sequence[float]) -> None:
+    """Set the offset of the tool, in the program's unit; the machine does not move."""
+    state.keep_machine(tool_offset=offset)
+    emit("USE_TOOL_LENGTH_OFFSET", *offset)
 
 
 def _of_table(state: State, block: Block, tools: dict[int, Tool], name: str) -> list[float]:
@@ -496,11 +529,13 @@ def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], 
         end_tool_point(state, emit)
     elif state.tool_point:
         raise BlockError(
-            f"{name_of('g', code)} changes the tool while its tip is moved (G43.4, G43.5): write G49 in a line before",
+            f"{name_of('g', code)} changes the tool while its tip is moved ({state.names.tool_point}): write "
+            f"{state.names.joints} in a line before",
             name_of("g", code),
         )
     if code in (434, 435):
-        _begin_tool_point(state, block, emit, tools, code)
+        name = name_of("g", code)
+        begin_tool_point(state, emit, name, _of_table(state, block, tools, name), code == 435)
         return
     offset = [0.0] * 9
     if code == 431:
@@ -514,8 +549,7 @@ def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], 
         offset = _of_table(state, block, tools, name_of("g", code))
         if code == 432:
             offset = [o + t for o, t in zip(offset, state.tool_offset, strict=True)]
-    state.keep_machine(tool_offset=offset)
-    emit("USE_TOOL_LENGTH_OFFSET", *offset)
+    set_tool_offset(state, emit, offset)
 
 
 def shift_axes(state: State, block: Block, emit: Emit, code: int) -> None:
