@@ -197,7 +197,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
             if job := _job(request, program, machine, planned):
                 (folder / JOB).write_text(job, encoding="utf-8")
             progress.step("report")
-            (folder / "report.html").write_text(_page_of(planned, not request.no_pictures), encoding="utf-8")
+            (folder / "report.html").write_text(html(_report(planned, not request.no_pictures)), encoding="utf-8")
     outcome = _outcome(planned, request.out, machine, counts)
     return replace(outcome, then=line("run", request.out / JOB)) if job else outcome
 
@@ -450,7 +450,8 @@ def _report(planned: Planned, pictures: bool = True) -> Report:
     return plan_report(planned, pictures)
 
 
-def _page_of(planned: Planned, pictures: bool) -> str:
-    from feeddrive.report.page import html
+def html(report: Report) -> str:
+    """Return a report as a page."""
+    from feeddrive.report.page import html as written
 
-    return html(_report(planned, pictures))
+    return written(report)
