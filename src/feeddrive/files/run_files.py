@@ -12,6 +12,7 @@ import math
 import platform
 import re
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -148,39 +149,49 @@ def parquet_stream(
     with parquet_stream(path, ["time", "force"], metadata) as append:
         append({"time": ..., "force": ...})
     """
-    import pyarrow as arrow
-    from pyarrow import parquet
-
     try:
         # Sorted keys give the same bytes for equal metadata; JSON has no NaN.
         text = json.dumps(metadata, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise ParameterError(f"{path}: metadata cannot be written as JSON: {error}") from None
-    schema = arrow.schema([(name, arrow.float64()) for name in names], {_KEY: text.encode()})
 
     def append(columns: Mapping[str, np.ndarray]) -> None:
         arrays = [np.ascontiguousarray(columns[name], dtype=np.float64) for name in names]
         shapes = {name: array.shape for name, array in zip(names, arrays, strict=True)}
         if any(array.ndim != 1 for array in arrays) or len(set(shapes.values())) > 1:
             raise ParameterError(f"{path}: columns must have one dimension and one length, not {shapes}")
-        table = arrow.Table.from_arrays([arrow_column(array) for array in arrays], schema=schema)
+        import pyarrow as arrow
+
+        writer = begun()
+        table = arrow.Table.from_arrays([arrow_column(array) for array in arrays], schema=writer.schema)
         writer.write_table(table, row_group_size=_GROUP)
 
-    with (
-        written_whole(path) as temporary,
-        temporary.open("wb") as file,
-        parquet.ParquetWriter(
-            file,
-            schema,
-            compression="zstd",
-            # measured floats hardly repeat, so that a dictionary costs space; their bytes of equal weight do repeat
-            use_dictionary=False,
-            column_encoding="BYTE_STREAM_SPLIT",
-            # without it a flipped bit is another number, and no error
-            write_page_checksum=True,
-        ) as writer,
-    ):
+    with written_whole(path) as temporary, temporary.open("wb") as file, contextlib.ExitStack() as stack:
+
+        @cache
+        def begun() -> Any:
+            # with the first rows: a program that is refused before needs no pyarrow
+            return stack.enter_context(_parquet_writer(file, names, text))
+
         yield append
+        begun()
+
+
+def _parquet_writer(file: Any, names: Sequence[str], metadata: str) -> Any:
+    """Open a Parquet file of columns of float64."""
+    import pyarrow as arrow
+    from pyarrow import parquet
+
+    return parquet.ParquetWriter(
+        file,
+        arrow.schema([(name, arrow.float64()) for name in names], {_KEY: metadata.encode()}),
+        compression="zstd",
+        # measured floats hardly repeat, so that a dictionary costs space; their bytes of equal weight do repeat
+        use_dictionary=False,
+        column_encoding="BYTE_STREAM_SPLIT",
+        # without it a flipped bit is another number, and no error
+        write_page_checksum=True,
+    )
 
 
 _BLOCK = 65536  # rows that are converted to text at once
