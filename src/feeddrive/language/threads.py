@@ -190,7 +190,7 @@ def in_order(workers: Executor | None, work: Callable[[Item], Result], items: Se
 
 
 @contextmanager
-def short_turns() -> Iterator[None]:
+def short_turns() -> Generator[None]:
     """Let threads take turns often while this context is open: those that run kernels need Python's lock briefly."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, _TURN))
