@@ -180,6 +180,66 @@ def test_g451_goes_to_the_intersection_and_g450_around_the_corner(tmp_path: Path
     ]
 
 
+def sampled(move: Straight | Arc, count: int) -> np.ndarray:
+    """Points of a move in X Y, mm."""
+    s = np.linspace(0.0, 1.0, count)[:, None]
+    start, end = (1e3 * np.array(point[:2]) for point in (move.start, move.end))
+    if isinstance(move, Straight):
+        return start + s * (end - start)
+    center = 1e3 * np.array(move.center)
+    angle = math.atan2(*(start - center)[::-1]) + s[:, 0] * move.angle
+    return center + 1e3 * move.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+@pytest.mark.parametrize("corners", ["G450", "G451"])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_center_keeps_the_radius_from_the_contour(seed: int, corners: str, tmp_path: Path, table: Path) -> None:
+    """Drawn contours of lines and arcs: each point of the center's path lies 3 mm from the contour or more, and on its
+    side; with G450 exactly 3 mm, but for corners below 0.05 rad, where 0.00125 of the radius may lack, times
+    R/(R - r) inside of an arc."""
+    draw = np.random.default_rng(seed)
+    left = bool(draw.random() < 0.5)
+    turns = draw.uniform(-0.35, 0.35, 12)
+    heading, here, lines = 0.0, np.zeros(2), ["G1 X0 Y0 F900"]
+    for k, turn in enumerate(turns):
+        heading += turn
+        way = np.array([math.cos(heading), math.sin(heading)])
+        size = float(draw.uniform(10.0, 20.0))
+        if k % 3 == 2 and corners == "G450":
+            # tangential arc of 30 mm radius, and 0.3 rad
+            sense = 1.0 if draw.random() < 0.5 else -1.0
+            center = here + 30.0 * sense * np.array([-way[1], way[0]])
+            c, s = math.cos(0.3 * sense), math.sin(0.3 * sense)
+            away = here - center
+            end = center + np.array([c * away[0] - s * away[1], s * away[0] + c * away[1]])
+            i, j = center - here
+            lines.append(f"G{3 if sense > 0 else 2} X{end[0]:.9f} Y{end[1]:.9f} I{i:.9f} J{j:.9f}")
+            here, heading = end, heading + 0.3 * sense
+        else:
+            here = here + size * way
+            lines.append(f"G1 X{here[0]:.9f} Y{here[1]:.9f}")
+    body = "\n".join(lines)
+    word = "G41" if left else "G42"
+    text = f"T1 M6\nG0 X-20\n{word} {corners}\n{body}\nG40 G1 X200 Y200\nM30\n"
+    plain = f"F900\nG0 X-20\n\n{body}\nG1 X200 Y200\nM30\n"
+    center_path = path_of(moves(tmp_path, text, tools=table))
+    contour = path_of(moves(tmp_path, plain))
+    dense = np.concatenate([sampled(move, 600) for move in contour if 4 < move.source.number < 17])  # type: ignore[arg-type]
+    low = 3.0 * (1.0 - 0.00125 * 30.0 / 27.0) - 1e-4
+    for move in center_path:
+        if not 4 < move.source.number < 17:
+            continue
+        points = sampled(move, 9)  # type: ignore[arg-type]
+        apart = np.linalg.norm(points[:, None] - dense[None], axis=2)
+        nearest, least = dense[apart.argmin(axis=1)], apart.min(axis=1)
+        assert np.all(least > low)
+        if corners == "G450":
+            assert np.all(least < 3.0 + 1e-3)
+        middle = points[4] - nearest[4]
+        along = points[5] - points[3]
+        assert (along[0] * middle[1] - along[1] * middle[0] > 0.0) == left
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
@@ -249,6 +309,11 @@ def test_a_call_repeats_9999_times_at_most(tmp_path: Path) -> None:
     text = "L10 P{}\nX=R1 F9\nM30\n%_N_L10_SPF\nR1=R1+1 RET\n"
     assert ends(moves(tmp_path, text.format(9999))) == [(9999, 0, 0)]
     assert "P repeats a call 1 to 9999 times, not 10000" in refused(tmp_path, text.format(10000))
+
+
+def test_nested_repeats_count_as_lines_that_are_read_again(tmp_path: Path) -> None:
+    text = "L1 P99\nM30\n%_N_L1_SPF\nL2 P99\nRET\n%_N_L2_SPF\nX=IC(1) F9\nRET\n"
+    assert "does a loop never end" in refused(tmp_path, text, most_again=5000)
 
 
 @pytest.mark.parametrize(("word", "stops"), [("M17", 1), ("M2", 1), ("RET", 0)])

@@ -236,7 +236,7 @@ def test_after_moves_of_the_joints_the_tip_goes_on_from_there(tmp_path: Path) ->
     path.write_text(text, encoding="utf-8")
     result = fd.workflow.plan(path, machine="trunnion_ac")
     assert result.violations == 0
-    assert result.stop_reasons["begin or end of the tool point (G43.4, G43.5, G49)"] == 2
+    assert result.stop_reasons["begin or end of the tool point (G43.4, G43.5, G49, TRAORI, TRAFOOF)"] == 2
 
 
 def test_behind_a_path_of_the_tip_moves_have_their_own_lines(tmp_path: Path) -> None:

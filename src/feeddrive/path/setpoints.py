@@ -510,7 +510,7 @@ PAUSES = {
     "Stop": "program stop (M0, M1, M60)",
     "Probe": "probe (G38)",
     "Wait": "wait for an input (M66)",
-    "ToolPoint": "begin or end of the tool point (G43.4, G43.5, G49)",
+    "ToolPoint": "begin or end of the tool point (G43.4, G43.5, G49, TRAORI, TRAFOOF)",
     "Turn": "the tip stands while axes turn",
     "Tolerance": "change of the tolerance, by which angles are weighted (G64)",
     "ToolChange": "tool change",
