@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from test_resume import going
 
+from feeddrive.files.machine import find_bundled
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program.moves import Arc, Begin, Message, Move, Spline, Stop, Straight, ToolPoint
 from feeddrive.path.program.reading import read_program
 
-TRUNNION = Kinematics.table_table("AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
+TRUNNION = Kinematics.of("table_table", "AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
 TABLE = "T1 P1 Z30 D6 ;MILL\nT2 P2 Z50 D10\n"
 
 
@@ -338,6 +340,7 @@ def test_only_ret_does_not_stop_the_path(word: str, stops: int, tmp_path: Path) 
         ("STEP\nM30\n%_N_STEP_SPF\nFOR R1=1 TO 2\nM17\n", "the program ends inside FOR"),
         ("DEF REAL A=1\nSTEP\nM30\n%_N_STEP_SPF\nX=A\n", "line 5, column 3: A: the variable A has no value here"),
         ("STEP\nM30\n%_N_STEP_SPF\nSTEP\n", "more than 50 deep"),
+        ("F9\nMCALL L10\nX1 M30\n%_N_L10_SPF\nZ1\n", "does not return in its block: use two lines"),
         ("L10 P0\nM30\n%_N_L10_SPF\nM17\n", "P repeats a call 1 to 9999 times, not 0"),
         ("GOTOF THERE\nM30\n%_N_L10_SPF\nTHERE: X1\n", "no label or block number THERE"),
         ("IF 0\nM30\n%_N_L10_SPF\nENDIF\n", "IF has no ELSE or ENDIF"),
@@ -407,10 +410,66 @@ def test_traori_moves_the_tip_as_g43_4_does(tmp_path: Path, table: Path) -> None
     assert points[0][0].tool == (0.0, 0.0, -0.05)
 
 
+def test_a_bundled_program_is_the_same_in_both_languages(tmp_path: Path) -> None:
+    """With rotary letters to the bit; with directions of twelve digits, 1e-9 rad and 1e-12 m."""
+    text = find_bundled("s_curve", "programs", ".ngc").read_text(encoding="utf-8")
+    text = re.sub(r"\([^)]*\)", "", text)
+    for word, ours in {
+        "G21": "G71",
+        "G64 P0.01": "G642 CTOL=0.01",
+        "G43.4 H0": "TRAORI ORIAXES",
+        "G49": "TRAFOOF",
+    }.items():
+        text = text.replace(word, ours)
+    lines = text.replace("M2\n", "M30\n").splitlines()
+    theirs = path_of(
+        list(read_program(find_bundled("s_curve", "programs", ".ngc"), front_end="own", kinematics=TRUNNION))
+    )
+    letters = path_of(moves(tmp_path, "\n".join(lines), kinematics=TRUNNION))
+    assert [(move.start, move.end) for move in letters] == [(move.start, move.end) for move in theirs]
+    turned = 4
+    for k, line in enumerate(lines[7:], 7):
+        if angles := re.search(r"A(\S+) C(\S+)", line):
+            x, y, z = TRUNNION.tool_axis(np.radians([float(angles[1]), float(angles[2])]))
+            lines[k] = f"{line[: angles.start()]}A3={x:.12f} B3={y:.12f} C3={z:.12f}"
+            turned += 1
+    assert turned > 1900
+    vectors = path_of(moves(tmp_path, "\n".join(lines), kinematics=TRUNNION))
+    np.testing.assert_allclose([move.end for move in vectors], [move.end for move in theirs], rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("word", "code", "how"),
+    [
+        ("ORIAXES", 0, "axes"),
+        ("ORIMKS", 0, "axes"),
+        ("ORIVECT", 1, "plane"),
+        ("ORIPLANE", 1, "plane"),
+        ("ORIWKS", 1, "plane"),
+    ],
+)
+def test_words_say_how_the_tool_turns(word: str, code: int, how: str, tmp_path: Path) -> None:
+    """As G43.5 with P does, before or behind TRAORI; the next word changes it."""
+    body = "G1 X1 {0}0.1 {1}0 {2}1 F900\nX2 {0}0.2 {1}0.1 {2}1\nX3\nX4 {0}0 {1}0.3 {2}1\n"
+    vector, ijk = body.format("A3=", "B3=", "C3="), body.format("I", "J", "K")
+    before = path_of(moves(tmp_path, f"{word}\nTRAORI\n{vector}TRAFOOF\nM30\n", kinematics=TRUNNION))
+    behind = path_of(moves(tmp_path, f"TRAORI {word}\n\n{vector}TRAFOOF\nM30\n", kinematics=TRUNNION))
+    other = path_of(native(tmp_path, f"G43.5 H0 P{code}\n\n{ijk}G49\nM2\n", kinematics=TRUNNION))
+    assert len(before) == len(other) == 4
+    for row in zip(before, behind, other, strict=True):
+        assert all(isinstance(move, Straight) and move.orientation == how for move in row)
+        for move in row[:2]:
+            np.testing.assert_array_equal(move.end, row[2].end)
+    both = path_of(
+        moves(tmp_path, f"TRAORI\n{word}\nG1 X1 B3=0.1 C3=1 F9\nORIAXES\nX2 B3=0 C3=1\nM30\n", kinematics=TRUNNION)
+    )
+    assert [move.orientation for move in both if isinstance(move, Straight)] == [how, "axes"]
+
+
 def test_another_edge_while_the_tip_is_moved_changes_its_length(tmp_path: Path, table: Path) -> None:
     """The joints stand still while D0 takes 50 mm of length away, and the tip in the frame of the workpiece moves."""
     text = "T2 M6 D1\nG0 A-90\nTRAORI\nMSG($AA_IW[Y])\nD0\nMSG($AA_IW[Y])\nX1\nM30\n"
-    kinematics = Kinematics.table_table("AC", tool_length=0.0)
+    kinematics = Kinematics.of("table_table", "AC", tool_length=0.0)
     told = [float(m.text) for m in moves(tmp_path, text, tools=table, kinematics=kinematics) if isinstance(m, Message)]
     assert abs(told[1] - told[0]) == pytest.approx(50.0, abs=1e-9)
 
@@ -430,6 +489,7 @@ def test_directions_turn_with_the_frame(tmp_path: Path) -> None:
         ("TRAORI\nSUPA Z0\n", "positions of the machine's axes do not go with TRAORI: write TRAFOOF"),
         ("TRAORI\nT1 M6\n", "M6 changes the tool while its tip is moved (TRAORI): write TRAFOOF in a line before"),
         ("T1 M6\nTRAORI\nG41 X1\n", "while the tip of a tilted tool is moved (TRAORI): write TRAFOOF before"),
+        ("ORIVECT ORIAXES\n", "ORIVECT and ORIAXES exclude each other"),
         ("TRAORI\nG1 LEAD=5 X1 F9\n", "this way to orient the tool"),
         ("TRANSMIT\n", "lathe work"),
     ],

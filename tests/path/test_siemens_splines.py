@@ -157,7 +157,7 @@ def test_ends_follow_arcs_and_polynomials(tmp_path: Path) -> None:
 
 def test_what_stands_between_the_points_keeps_its_place(tmp_path: Path) -> None:
     text = (
-        'F900\nCSPLINE BNAT ENAT X10 Y1\nF600 M8\nX20 Y5\nG4 F1\nX30\nMSG("end")\nG0 X0\nG91 CSPLINE X5\nX5 Y5\nM30\n'
+        'F900\nCSPLINE BNAT ENAT X10 Y1\nG40 F600\nX20 Y5\nG4 F1\nX30\nMSG("end")\nG0 X0\nG91 CSPLINE X5\nX5 Y5\nM30\n'
     )
     kinds: list[object] = []
     for move in moves(tmp_path, text):

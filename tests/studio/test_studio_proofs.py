@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from feeddrive.files.machine import read_machine
 from feeddrive.machining.circle_test import quadrant_peaks
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.jobs import CANCELLED, DONE
+from feeddrive.studio.rooms.prove import _bundled
 from feeddrive.studio.rooms.take import recipe_of
 from feeddrive.studio.server import Session
 from feeddrive.tuning.candidates import candidates
@@ -263,3 +265,12 @@ def test_of_another_source_no_certificate_is_taken_away_and_of_another_control_i
     assert (tmp_path / "certificate").is_dir()  # of the source before
     assert asked(session, "take.show")["results"] == []
     assert "name must be one of" in asked(session, "take.result", name="certificate")["error"]
+
+
+def test_programs_of_the_tip_are_offered_to_a_five_axis_machine_only() -> None:
+    of_tip = {"blade.ngc", "dome.ngc", "s_curve.ngc", "s_curve_vectors.ngc"}
+    assert of_tip <= set(_bundled(read_machine("trunnion_ac")))
+    for machine in (None, read_machine("xy_table")):
+        offered = _bundled(machine)
+        assert "circle.ngc" in offered
+        assert not of_tip & set(offered)

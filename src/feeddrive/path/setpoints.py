@@ -165,6 +165,8 @@ def _joined(
 ) -> Iterator[_Joined | Future[_Joined] | Pause]:
     """Yield the chains of a program as joined, and the pauses between them; workers plan those from rest to rest."""
     frame, joiner = _Frame(limits, None, None), Joiner()
+    # at the undecided joints of a tip: distances of chords from their splines, m, and of directions, rad
+    errors: deque[tuple[float, float]] = deque()
     for segments in found:
         if isinstance(segments, Pause):
             yield segments
@@ -177,7 +179,7 @@ def _joined(
             # the joints of a tip are planned in m and rad
             weighted = limits if weights is None or segments.tip else limits * weights[:, None]
             frame = _Frame(weighted.copy(), weights, segments.tip)  # other limits than before, though they may be equal
-            # overlapping runs are measured along axes: corners of a tip are rounded, or it stops
+            # where angles turn runs do not overlap: corners of a tip are rounded, or it stops
             joiner = Joiner() if segments.tip is None else Joiner(lonely=np.inf)
         if frame.tip is None and joiner.rests and segments.ends:
             # only a chain from rest to rest can be planned by itself, in either way
@@ -192,8 +194,10 @@ def _joined(
             continue
         segments = segments._replace(tolerance=np.where(segments.tolerance > LEFT, segments.tolerance - LEFT, 0.0))
         sections, joint = joiner.join(segments)
-        tip.join(joint.deviation, segments)
-        sections = [tip.joints(section, segments, frame.tip) for section in sections]
+        errors.extend(zip(segments.chords, segments.off, strict=True))
+        chords, off = np.array([errors.popleft() for _ in joint.stop]).reshape(-1, 2).T
+        tip.join(joint.deviation + chords, off, segments)
+        sections = _with_corners(sections, [tip.joints(section, segments, frame.tip) for section in sections], tip)
         yield _Joined(frame, sections, joint.stop, segments.modes, segments.ends)
 
 
@@ -318,6 +322,21 @@ def _lifted(scheduled: Iterable[tuple[Planner, Any]]) -> Iterator[_Joined | Part
             joined = each if isinstance(each, _Joined) else each.result()
             yield joined
             yield from joined.parts or ()
+
+
+def _with_corners(sections: list[Section], joints: list[Section], tip: TipProver) -> list[Section]:
+    """Return sections of the joints, with tolerances of the corners of the tip at which runs may overlap.
+
+    Around a corner of two lines in which only the tip moves, it moves by the sum of both ways, as the joints do, but
+    for a rotation that stands: the joints pass the corner as that of any axes.
+    """
+    out = list(joints)
+    for k in range(len(joints) - 1):
+        still = joints[k].pieces.kind[-1] == joints[k + 1].pieces.kind[0] == LINE
+        if joints[k].ends and still and sections[k].tolerance > 0.0:
+            out[k] = joints[k]._replace(tolerance=sections[k].tolerance)
+            tip.pass_corner(sections[k].tolerance)
+    return out
 
 
 class _Run:
@@ -678,8 +697,9 @@ class Setpoints:
             where = _where(part, times, self._array[:, 0])
             feed, programmed = where.feed, where.programmed
             if part.tip is not None:
-                speed, feed = _tip_speed(values, part.tip, where.rate, feed)
-                programmed = feed
+                speed, bound = _tip_speed(values, part.tip, where.rate, feed)
+                if part.entering is None:
+                    feed = programmed = bound
             else:
                 speed = np.linalg.norm(values[:, :, 1] if weights is None else values[:, :, 1] * weights, axis=1)
             samples = Samples(self.samples, values, where.line, feed, speed, self.proven)

@@ -16,6 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from feeddrive.path.kinematics import Kinematics
+from feeddrive.path.program.aiming import BY_AXES, Turning
 from feeddrive.path.program.blocks import BlockError, Line, Parameters, located
 from feeddrive.path.program.budget import MOST_AGAIN, MOST_COMMANDS
 from feeddrive.path.program.lines import ProgramLines
@@ -39,6 +40,7 @@ class Setting:
     kinematics   kinematics of the machine, with which the tip of the tool can be moved
     start        position of the machine, mm and degrees
     from_line    line at which the program is resumed; 0: its beginning
+    turning      how the tool turns while its tip is moved, where the program does not say
     """
 
     tools: dict[int, Tool] | None = None
@@ -50,6 +52,7 @@ class Setting:
     kinematics: Kinematics | None = None
     start: Sequence[float] = (0.0,) * 9
     from_line: int = 0
+    turning: Turning = BY_AXES
 
 
 class Language(Protocol):
@@ -87,6 +90,7 @@ class Execution:
         self.setting = setting
         self.parameters = Parameters(setting.numbered)
         self.state = State(self.parameters, setting.tables_inch, setting.kinematics, names)
+        self.state.turning = setting.turning
         self.tools = None if setting.tools is None else dict(setting.tools)
         self.lines = ProgramLines(program, setting.most_again)
         self.line = Line(str(program), 0, "")
@@ -108,6 +112,8 @@ class Execution:
             state.compensation.take(command)
         elif state.spline:
             state.spline.take(command)
+        elif state.aiming.busy:
+            self._out += state.take(command)
         else:
             if len(self._out) >= MOST_COMMANDS:
                 raise BlockError(
@@ -120,6 +126,8 @@ class Execution:
         state = self.state
         if state.leaving:
             raise BlockError(f"the move behind G40 is straight: write G0 or G1 before this {kind}", kind)
+        state.settle()
+        self._out += state.aiming.taken()
         unit = 1000.0 / state.meters
         spline = PointSpline(kind, state.position, degree, edges, self._heading_now(), unit, self._out_of_turn)
         state.spline = spline

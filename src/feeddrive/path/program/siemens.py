@@ -22,8 +22,8 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import AXES, BlockError, Line
 from feeddrive.path.program.compensation import Corners
 from feeddrive.path.program.execution import Execution, Setting
-from feeddrive.path.program.moves import Command
-from feeddrive.path.program.siemens_block import PATH_MODES, SYSTEMS, BlockReader, Words
+from feeddrive.path.program.moves import Command, Orientation
+from feeddrive.path.program.siemens_block import ORIENTATIONS, PATH_MODES, SYSTEMS, BlockReader, Words
 from feeddrive.path.program.siemens_flow import Call, SiemensFlow, begin_of, without_comment
 from feeddrive.path.program.siemens_motion import SiemensMotion
 from feeddrive.path.program.siemens_words import Values
@@ -36,6 +36,7 @@ from feeddrive.path.program.state import (
     first_of,
     rotated,
     set_tool_offset,
+    turn_by,
 )
 
 ROUNDED = 0.22
@@ -48,6 +49,7 @@ NAMES = Names("TRAORI", "TRAFOOF")
 _SPINDLE = {3: 1, 4: -1, 5: 0}
 _DELETED = re.compile(r"\s*/[0-9]?\s*")
 _RETURN = -1  # RET, besides the M codes that end a program
+_ENDS = frozenset({2, 17, 30, _RETURN})
 _DYNAMICS = {1: "_FINISH", 2: "_SEMIFIN", 3: "_ROUGH", 4: "_PRECISION"}
 
 
@@ -72,6 +74,7 @@ class SiemensInterpreter:
         self._edge = 1.0  # D of the tool in the spindle
         self._length = [0.0] * 9  # its offset, mm and degrees
         self._corners, self._side, self._follows = Corners(square=True), 40, False  # G450 .., G40 .., KONT
+        self._turns: Orientation | None = None  # how the tool turns (ORIVECT ..), None until it is said
         self._next_edge = 1.0  # D of the tool that the next M6 changes to
         self._ended = False
         self._rotation = 0.0  # of the settable offset, degrees
@@ -154,6 +157,8 @@ class SiemensInterpreter:
             if axis < 0:
                 raise BlockError(f"{name} needs the letter of an axis: write {name}[X]", name)
             state = self._state
+            if axis not in LINEAR:
+                state.settle()
             return (state.machine(state.position) if name == "$AA_IM" else state.position)[axis]
         raise BlockError(f"the system variable {name} is not known before: write its value", name)
 
@@ -207,6 +212,8 @@ class SiemensInterpreter:
         if call:
             self._flow.call(call, "MCALL" in words.keywords)
         elif moved:
+            if stop in _ENDS and self._flow.modal:
+                raise BlockError("a motion behind which MCALL calls does not return in its block: use two lines", "M17")
             self._flow.moved()
         if stop is not None:
             self._stop(stop)
@@ -243,7 +250,7 @@ class SiemensInterpreter:
     def _refuse_in_spline(self, words: Words) -> None:
         """Refuse what changes coordinates before the end of a spline is known."""
         codes = words.codes
-        named = [f"G{codes[group]}" for group in ("offset", "radius") if group in codes]
+        named = [f"G{codes[group]}" for group in ("offset", "radius") if codes.get(group, 40) != 40]
         named += words.frames + [word for word in words.keywords if word in ("TRAORI", "TRAFOOF")]
         named += ["M6"] if 6 in words.m_codes else ["D"] if "D" in words.values and words.tool is None else []
         if named:
@@ -287,10 +294,19 @@ class SiemensInterpreter:
         return tool.diameter * state.scale if self._edge else 0.0
 
     def _tool_point(self, words: Words) -> None:
-        """Execute TRAORI (from here on X Y Z are the tip of the tool) and TRAFOOF (the axes of the machine)."""
+        """Execute TRAORI (from here on X Y Z are the tip of the tool), TRAFOOF (the axes of the machine), and the words
+        that say how the tool turns.
+        """
         state = self._state
+        turns = [word for word in words.keywords if word in ORIENTATIONS]
+        if len(turns) > 1:
+            raise BlockError(f"{turns[0]} and {turns[1]} exclude each other: write one of them", turns[1])
+        if turns:
+            self._turns = ORIENTATIONS[turns[0]]
+            if state.tool_point and self._turns != state.orientation:
+                turn_by(state, self._emit, self._turns)
         if "TRAORI" in words.keywords and not state.tool_point:
-            begin_tool_point(state, self._emit, "TRAORI", state.tool_offset, False)
+            begin_tool_point(state, self._emit, "TRAORI", state.tool_offset, False, self._turns)
             self._moves.before.clear()
             self._run.forget_heading()
         elif "TRAFOOF" in words.keywords and state.tool_point:
@@ -373,7 +389,7 @@ class SiemensInterpreter:
         end_tool_point(state, self._emit)
         set_tool_offset(state, self._emit, self._length)
         if turns:
-            begin_tool_point(state, self._emit, "TRAORI", self._length, False)
+            begin_tool_point(state, self._emit, "TRAORI", self._length, False, self._turns)
 
     def _stop(self, code: int) -> None:
         if code in (0, 1):
@@ -449,6 +465,7 @@ class SiemensInterpreter:
 
     def _frame(self) -> None:
         state = self._state
+        state.settle()
         shift = list(self._shift)
         shift[0], shift[1] = rotated(shift[0], shift[1], self._rotation)
         origin = [o + s for o, s in zip(self._settable, shift, strict=True)]

@@ -13,7 +13,8 @@ from typing import NamedTuple
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.program import blocks
 from feeddrive.path.program.blocks import AXES, BlockError
-from feeddrive.path.program.siemens_flow import Call, SiemensFlow, program_name
+from feeddrive.path.program.moves import Orientation
+from feeddrive.path.program.siemens_flow import Call, SiemensFlow, is_flow, program_name
 from feeddrive.path.program.siemens_splines import BEGINS, ENDS, KINDS
 from feeddrive.path.program.siemens_words import IGNORED, Values, ignored_g, refusal
 from feeddrive.path.program.state import Emit
@@ -38,7 +39,12 @@ _GROUPS: dict[str, tuple[int, ...]] = {
 _GROUP = {code: group for group, codes in _GROUPS.items() for code in codes}
 CURVES = {"CIP", "POLY", *KINDS}
 """The keywords of curves, which are modal as G0 to G3 are."""
-_KEYWORDS = {"SUPA", "FNORM", "DIAMOF", "RET", "STOPRE", "NORM", "KONT", "ORIAXES", "ORIMKS", "MCALL", *BEGINS, *ENDS}
+ORIENTATIONS: dict[str, Orientation] = {
+    **dict.fromkeys(("ORIAXES", "ORIMKS"), "axes"),
+    **dict.fromkeys(("ORIVECT", "ORIPLANE", "ORIWKS"), "plane"),
+}
+"""How the tool turns between two directions, by the word that says it."""
+_KEYWORDS = {"SUPA", "FNORM", "DIAMOF", "RET", "STOPRE", "NORM", "KONT", "MCALL", *ORIENTATIONS, *BEGINS, *ENDS}
 _WITH_ARGUMENTS = {"MSG", "CYCLE832", "CYCLE800", "CALL", "EXTCALL", "TRAORI", "TRAFOOF"}
 _FRAMES = {"TRANS", "ATRANS", "ROT", "AROT"}
 VECTOR = ("A3", "B3", "C3")
@@ -130,6 +136,12 @@ class BlockReader:
 
     def _subprogram(self, values: Values, words: Words, name: str, at: int) -> None:
         """Read the call of a subprogram: its name and its arguments."""
+        if is_flow(name):
+            raise values.fault(f"{name} stands at the beginning of a line: use two lines", at, name)
+        if len(name) == 1:
+            raise values.fault(f"the word {name} has no value: write {name}1 or {name}=1", at, name)
+        if name.startswith("$"):
+            raise values.fault(f"the system variable {name} is a value: it stands behind =", at, name)
         try:
             self._flow.check_known(name)
         except BlockError as fault:

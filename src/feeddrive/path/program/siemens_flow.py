@@ -377,9 +377,14 @@ class SiemensFlow:
         """End the modal call (MCALL alone)."""
         self._modal = None
 
+    @property
+    def modal(self) -> bool:
+        """True if a call follows each block with a motion: MCALL is on, and its subprogram does not run."""
+        return self._modal is not None and not any(scope.modal for scope in self._scopes)
+
     def moved(self) -> None:
         """Call the modal subprogram behind a block with a motion, except in a block of this subprogram."""
-        if self._modal and not any(scope.modal for scope in self._scopes):
+        if self._modal and self.modal:
             self._enter(*self._modal, modal=True)
 
     def leave(self) -> bool:
@@ -514,6 +519,11 @@ def without_comment(text: str) -> str:
         elif letter == ";" and not quoted:
             return text[:at]
     return text
+
+
+def is_flow(word: str) -> bool:
+    """Return True for a word of the control flow, such as WHILE."""
+    return bool(_FLOW.fullmatch(word))
 
 
 def program_name(text: str) -> str:

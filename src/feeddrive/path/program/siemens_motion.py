@@ -95,6 +95,9 @@ class SiemensMotion:
 
     def _target(self, words: Words) -> list[float]:
         """Return the end point, mm and degrees."""
+        if self._curve or not words.values.keys().isdisjoint("ABC"):
+            # other blocks keep the angles of the direction before, whatever they will be
+            self._state.settle()
         target, unit = list(self._state.position), INCH if self.inch else 1.0
         if "AP" in words.values or "RP" in words.values:
             self._polar_target(words, target, unit)
@@ -120,9 +123,7 @@ class SiemensMotion:
         ]
         if turned:
             raise BlockError(f"{turned[0]} and A3= B3= C3= exclude each other: write one of the two ways", turned[0])
-        x, y, z = (words.take(word) or 0.0 for word in VECTOR)
-        x, y = rotated(x, y, state.rotation)
-        self._motion.turn_to(target, [x, y, z], "A3 B3 C3")
+        state.aim(target, [words.take(word) or 0.0 for word in VECTOR], "A3 B3 C3", bool(self._curve))
 
     def _placed(self, placed: Placed, axis: int, here: float, unit: float) -> float:
         value, how = placed.value * unit, placed.how

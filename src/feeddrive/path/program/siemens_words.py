@@ -14,7 +14,6 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import DEEPEST, BlockError
 
 _FIVE = "this way to orient the tool or the workpiece is not planned: write A3= B3= C3=, or the letters of rotary axes"
-_ORIENTED = "the tool is turned by the rotary axes each in proportion to the path (ORIAXES), and in no other way here"
 _LATHE = "lathe work is not planned: only milling with X, Y and Z as they stand"
 _SPLINE = "splines of other axes than X Y Z are not planned: post lines, arcs or POLY"
 _SPINDLE = "the move follows the real spindle: take it out of what is planned"
@@ -34,7 +33,6 @@ _WORDS: dict[str, tuple[str, ...]] = {
         *("B8", "C8", "TOROT", "TOFRAME", "PAROT", "TCARR", "TCOABS", "TCOFR", "CUT3DC", "CUT3DF", "CUT3DFS"),
         *("CUT3DFF", "CUT3DCC", "CUT3DCCD", "TLIFT", "CYCLE996", "TRACON", "TRAFOON", "TRACYL", "TRAANG", "NUT"),
     ),
-    _ORIENTED: ("ORIVECT", "ORIPLANE", "ORIWKS"),
     _LATHE: (
         "DIAMON",
         "DIAM90",

@@ -12,11 +12,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from feeddrive.language.errors import FileError, shown
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.kinematics import Kinematics
+from feeddrive.path.program.aiming import BY_AXES, Aiming
 from feeddrive.path.program.blocks import AXES, Block, BlockError, Parameters, name_of
 from feeddrive.path.program.compensation import Compensation
+from feeddrive.path.program.moves import ORIENTATIONS, Command, Orientation
 from feeddrive.path.program.nurbs import Nurbs
 from feeddrive.path.program.siemens_splines import PointSpline
 
@@ -142,6 +146,9 @@ class State:
     kinematics    the kinematics of the machine, if it has any
     tool_point    the kinematics with the tool, while X Y Z are its tip in the frame of the workpiece; otherwise None
     aims          True if a block then gives the direction of the tool by I J K (G43.5)
+    aiming        the commands that wait for the rotary joints of their directions
+    orientation   how the tool turns between two directions now
+    turning       how the tool turns where the program does not say
     names         words of the program's language in messages
     """
 
@@ -156,6 +163,8 @@ class State:
         self.names = names or Names()
         self.kinematics, self.aims = kinematics, False
         self.tool_point: Kinematics | None = None
+        self.aiming, self.turning = Aiming(), BY_AXES
+        self.orientation: Orientation = "axes"
         self.user_inch = user_inch
         self.inch = False
         self.position = [0.0] * 9
@@ -233,6 +242,59 @@ class State:
         scale = self.scale
         return [value * scale if axis in LINEAR else value for axis, value in enumerate(values)]
 
+    # directions of the tool
+
+    def aim(self, target: list[float], direction: Sequence[float], words: str, at_once: bool = False) -> None:
+        """Let the next motion, to a target, end with a direction of the tool, both in program coordinates.
+
+        words    of the program that give the direction, such as I J K
+        at_once  True if its rotary axes must be chosen now and not with those behind: on a curve that is not yet known
+
+        Under G93, where the feed depends on their way, they are always chosen at once.
+        Raises BlockError for a direction without length.
+        """
+        assert self.tool_point is not None
+        length = math.hypot(*direction)
+        word = words.split()[0]
+        if not length > 0.0:
+            upright = " ".join(f"{name}{'=' if len(name) > 1 else ''}{k // 2}" for k, name in enumerate(words.split()))
+            raise BlockError(
+                f"the direction of the tool {words} has no length: write {upright} for an upright tool", word
+            )
+        x, y, z = (component / length for component in direction)
+        x, y = rotated(x, y, self.rotation)
+        axes = [AXES.index(letter.lower()) for letter in self.tool_point.rotary_letters]
+        machine = self.machine(self.position)
+        start = [math.radians(machine[axis]) for axis in axes]
+        shift = [math.radians(machine[axis] - self.position[axis]) for axis in axes]
+        at_once = at_once or self.feed_mode == 930
+        if at_once:
+            self.settle()
+        deviates = (
+            not at_once and self.path_mode == "CANON_CONTINUOUS" and (self.tolerance > 0.0 or self.turning.always)
+        )
+        self.aiming.begin(self.tool_point, start, shift, self.turning.cone if deviates else 0.0, self.orientation)
+        self.aiming.aim(np.array((x, y, z)), [coordinate / self.meters for coordinate in target[:3]], word)
+        if at_once:
+            before = list(self.position)
+            self.settle()
+            for axis in axes:
+                target[axis] = self.position[axis]
+            self.position = before
+
+    def settle(self) -> None:
+        """Choose the rotary axes of all motions that wait."""
+        if self.aiming.waits:
+            self.aiming.settle()
+            for axis, angle in self.aiming.position.items():
+                self.position[axis] = angle
+
+    def take(self, command: Command) -> list[Command]:
+        """Return the commands that are finished with a command, which may wait for a direction behind it."""
+        if not self.aiming.holds(command):
+            self.settle()
+        return self.aiming.take(command)
+
     # coordinates
 
     def machine(self, program: Sequence[float]) -> list[float]:
@@ -240,6 +302,12 @@ class State:
         shifted = [p + a for p, a in zip(program, self.axis_offset, strict=True)]
         shifted[0], shifted[1] = rotated(shifted[0], shifted[1], self.rotation)
         return [s + o + t for s, o, t in zip(shifted, self.origin, self.tool_offset, strict=True)]
+
+    def coordinate(self, axis: int) -> float:
+        """Return the position of one axis, as `here`."""
+        if 3 <= axis <= 5:
+            self.settle()
+        return self.here()[axis]
 
     def here(self) -> list[float]:
         """Return the position of the tool in program coordinates, with radius compensation that of its center."""
@@ -259,6 +327,7 @@ class State:
         tool_offset: Sequence[float] | None = None,
     ) -> None:
         """Change offsets without moving the machine; the program coordinates of its position change."""
+        self.settle()
         # G10, G43, G92 ... never move the machine (unlike rs274 after G92, see docs/part_programs.md)
         standing = self.machine(self.position)
         before = self.position
@@ -310,7 +379,7 @@ class State:
         for axis in range(9):
             # bound by defaults, since a closure would see the last axis of the loop only
             live[5401 + axis] = lambda axis=axis: self.tool_offset[axis] / (self.scale if axis in LINEAR else 1.0)
-            live[5420 + axis] = lambda axis=axis: self.here()[axis]
+            live[5420 + axis] = lambda axis=axis: self.coordinate(axis)
             live[f"_{AXES[axis]}"] = live[5420 + axis]
         live |= {
             "_metric": lambda: float(not self.inch),
@@ -473,19 +542,23 @@ def through(state: State, kinematics: Kinematics, to_joints: bool) -> list[float
 def end_tool_point(state: State, emit: Emit) -> None:
     """End G43.4 or G43.5: X Y Z are the joints again, which do not move."""
     if state.tool_point:
+        state.settle()
         joints = through(state, state.tool_point, True)
-        state.tool_point, state.aims = None, False
+        state.tool_point, state.aims, state.orientation = None, False, "axes"
         state.position = state.program(joints)
         emit("TOOL_POINT", 0)
 
 
-def begin_tool_point(state: State, emit: Emit, name: str, offset: Sequence[float], aims: bool) -> None:
+def begin_tool_point(
+    state: State, emit: Emit, name: str, offset: Sequence[float], aims: bool, orientation: Orientation | None = None
+) -> None:
     """Move the tip of the tool from here on: X Y Z are its place in the frame of the workpiece, whose place in the
     machine is that at rotary zero.
 
     name    word of the program
     offset  offset of the tool, in the program's unit; all 0: the tool is that of the machine file
     aims    True if blocks give the direction of the tool
+    orientation  how the tool turns; None: as where the program does not say
     """
     if state.kinematics is None:
         raise BlockError(
@@ -504,6 +577,14 @@ def begin_tool_point(state: State, emit: Emit, name: str, offset: Sequence[float
     state.tool_offset = [0.0] * 9
     state.position = state.program(tip)
     emit("TOOL_POINT", 1, *(offset[:3]))
+    turn_by(state, emit, orientation or state.turning.orientation)
+
+
+def turn_by(state: State, emit: Emit, orientation: Orientation) -> None:
+    """Let the tool turn by axes, in a plane or by vector from here on, until the tool point ends."""
+    state.settle()
+    state.orientation = orientation
+    emit("ORIENTATION", orientation)
 
 
 def set_tool_offset(state: State, emit: Emit, offset: Sequence[float]) -> None:
@@ -535,7 +616,9 @@ def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], 
         )
     if code in (434, 435):
         name = name_of("g", code)
-        begin_tool_point(state, emit, name, _of_table(state, block, tools, name), code == 435)
+        # as in FANUC, where P1 is the control of the tool's posture
+        orientation = ORIENTATIONS[block.whole("p", name, 0, 2, ORIENTATIONS.index(state.turning.orientation))]
+        begin_tool_point(state, emit, name, _of_table(state, block, tools, name), code == 435, orientation)
         return
     offset = [0.0] * 9
     if code == 431:
@@ -555,6 +638,7 @@ def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], 
 def shift_axes(state: State, block: Block, emit: Emit, code: int) -> None:
     """Execute G52 or G92 (assign coordinates to the current position), or G92.1 to G92.3 (clear, suspend, restore)."""
     numbered = state.parameters.numbered
+    state.settle()
     offset = list(state.axis_offset)
     if code in (520, 920):
         coordinates = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}
