@@ -265,7 +265,7 @@ def test_chains_of_up_to_100_segments_are_planned_in_two_ways(
 
     monkeypatch.setattr(setpoints, "Joiner", Joiner)
     chain = Chain(lines(np.zeros((2, 3)) + np.arange(2)[:, None], 0.1), np.zeros(count), True)
-    setpoints._quicker(chain, LIMITS, 1.0)
+    setpoints._quicker(chain, setpoints._Frame(LIMITS, None, None), 1.0)
     assert bool(made) is twice
 
 
@@ -501,7 +501,7 @@ def test_next_to_an_arc_only_corners_of_more_than_a_fifth_of_a_radian_stop(turn:
 @pytest.mark.parametrize(("turn", "tried"), [(1.5e-9, False), (3e-9, True)])
 def test_a_turn_of_2e_9_is_a_corner_that_may_be_passed_in_time(turn: float, tried: bool) -> None:
     chain = Chain(line_and_arc(turn), np.full(2, 1e-5), True)
-    assert (setpoints._quicker(chain, LIMITS, 1.0) is not None) is tried
+    assert (setpoints._quicker(chain, setpoints._Frame(LIMITS, None, None), 1.0) is not None) is tried
 
 
 @pytest.mark.parametrize(("turn", "least", "most"), [(0.7e-3, 0.035, 0.05), (1.5e-3, 0.12, 1.0)])
