@@ -234,8 +234,7 @@ class _Path:
         end = _slower(end, at_end)
         timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
         more = rows_for(State, n + 1), np.zeros((2 * _TOGETHER, 4))
-        # a limit must not fall faster from the given states at the ends than the motion can
-        given = np.minimum(1.0, ((1.0 + np.minimum(np.arange(n), n - 1 - np.arange(n))) / _GIVEN) ** 2)
+        given = _reduced(n)
         tried, new = coefficient.copy(), [(0, n)]
         failed = nowhere
         for number in range(1, _ROUNDS + 1):
@@ -382,6 +381,14 @@ def _exceeded(looked: Points, coefficient: np.ndarray) -> np.ndarray:
 
 def _some_points(points: Points, first: int, last: int) -> Points:
     return Points._make([array[first:last] for array in cast("tuple[np.ndarray, ...]", points)])
+
+
+def _reduced(n: int) -> np.ndarray:
+    """Return the share of the reduction of a limit in each of n spans: with all of it next to the given states at the
+    ends the limit would fall faster than the motion can.
+    """
+    from_end = np.minimum(np.arange(n), n - 1 - np.arange(n))
+    return np.minimum(1.0, ((1.0 + from_end) / _GIVEN) ** 2)
 
 
 def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:

@@ -286,7 +286,7 @@ def quickest_stop(
             break
         if failed and 2 * len(aims) <= _MOST:
             # the path turns within spans: more points in them would only make the stop longer
-            n = 2 * len(aims)
+            failed, n = False, 2 * len(aims)
             aims, points, snaps = np.full((n, *limits.shape), _AIM), _points(n), _regridded(snaps, n)
         tried, snaps, use = at(lasts, snaps)
         if use <= 1.0:
