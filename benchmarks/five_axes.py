@@ -4,7 +4,8 @@
     python benchmarks/five_axes.py --write src/feeddrive/files/bundled/programs
 
 The parts are formulas.  `--write` writes them as part programs with G43.4, as a postprocessor does: four decimals of mm
-and degrees.  "Posted" is the same part as a program of the joints, with a feed in each block that moves the tip at F.
+and degrees; the S curve also with the directions of the tool (G43.5), for machines with other joints.  "Posted" is the
+same part as a program of the joints, with a feed in each block that moves the tip at F.
 
 S curve  a wave of 150 mm by 70 mm with the tool tilted by 7 to 27 degrees, whose table follows the tangent.  It has the
          idea of the S-shaped test piece of ISO 10791-7, axes that reverse while the tip runs evenly; it is not that
@@ -98,6 +99,24 @@ def program(text: str, points: np.ndarray) -> str:
     return "\n".join([*lines, "G49", "M2", ""])
 
 
+def vector_program(text: str, points: np.ndarray, kinematics: Kinematics) -> str:
+    """Return a part program that moves the tip through points, with the directions that the tool has there as I J K."""
+    axes = np.stack(kinematics.tool_axis(points[:, 3:].T), axis=1)
+    rows = np.hstack([np.round(1e3 * points[:, :3], 4), np.round(axes, 6)]) + 0.0
+    blocks = [
+        " ".join(f"{letter}{value:.9g}" for letter, value in zip("XYZIJK", row, strict=True)) for row in rows.tolist()
+    ]
+    lines = [
+        f"({text})",
+        "G21 G90 G94 G17",
+        f"G64 P{1e3 * TOLERANCE:g}",
+        "G43.5 H0 (X Y Z are the tip of the tool on the workpiece, I J K its direction)",
+        f"G0 {blocks[0]}",
+        f"G1 F{6e4 * FEED:g}",
+    ]
+    return "\n".join([*lines, *blocks[1:], "G49", "M2", ""])
+
+
 def moves(points: np.ndarray, kinematics: Kinematics, posted: bool = False) -> Iterator[Move]:
     """Yield a part as moves of the tip, or of the joints if `posted`."""
     line = Line("part", 1, "")
@@ -166,6 +185,10 @@ def main() -> None:
     if given.write:
         for name, (text, points) in PARTS.items():
             (given.write / f"{name}.ngc").write_text(program(text, points()), encoding="utf-8")
+        kinematics = read_machine("trunnion_ac").kinematics
+        assert kinematics is not None
+        text = "S curve as s_curve.ngc, with the direction of the tool in place of angles: for any five axes"
+        (given.write / "s_curve_vectors.ngc").write_text(vector_program(text, s_curve(), kinematics), encoding="utf-8")
         return
     for _ in range(given.rounds):
         print("| part | blocks | cycle time | stops | violations | tip within | tool within | blocks a minute |")

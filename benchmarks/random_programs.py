@@ -1,8 +1,9 @@
 """Random part programs of six kinds, planned and proven; each that does not hold is a line.
 
-    python benchmarks/random_programs.py [--first 0] [--count 100000] [--seed 13] [--tip]
+    python benchmarks/random_programs.py [--first 0] [--count 100000] [--seed 13] [--tip [--short]]
 
-`--tip` takes five-axis programs of the tip of a tool (`tests/path/tip_paths.py`) in place of those of axes.
+`--tip` takes five-axis programs of the tip of a tool (`tests/path/tip_paths.py`) in place of those of axes, `--short`
+those of a few blocks.
 Program k of a seed is always the same one: two processes share the work by `--first`.
 """
 
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -20,10 +22,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "path"))
 check_random = import_module("paths").check_random
 
 
-def check_tip(program: int, seed: int) -> tuple[int, int]:
+def check_tip(program: int, seed: int, short: bool = False) -> tuple[int, int]:
     """Check a program of the tip; return the numbers of its moves and of its pieces."""
     tip_paths = import_module("tip_paths")
-    drawn = tip_paths.drawn(np.random.default_rng([seed, program]))
+    drawn = (tip_paths.short if short else tip_paths.drawn)(np.random.default_rng([seed, program]))
     outcome = tip_paths.look(drawn)
     if outcome.wrong:
         raise RuntimeError(outcome.wrong)
@@ -36,8 +38,9 @@ if __name__ == "__main__":
     parser.add_argument("--count", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=13)
     parser.add_argument("--tip", action="store_true")
+    parser.add_argument("--short", action="store_true")
     asked = parser.parse_args()
-    check = check_tip if asked.tip else check_random
+    check = partial(check_tip, short=asked.short) if asked.tip else check_random
     failed = moves = spans = 0
     for done in range(1, asked.count + 1):
         program = asked.first + done - 1

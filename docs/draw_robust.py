@@ -26,16 +26,16 @@ from feeddrive.plot.drawing import drawn
 from feeddrive.tuning.candidates import PLAIN
 
 IMAGES = Path(__file__).parent / "images"
-TRACKING = "tracking_error_rms_m"
+TRACKING, STIFFNESS = "tracking_error_rms_m", STIFFNESS_AT[0].key
 
 
 def ratio(law: Competitor, plain: Competitor, key: str, *, worst: bool) -> str:
-    """The factor by which a law is better than P-PI, where less is better; empty without a place."""
+    """The factor by which a law is better than P-PI; a dash without a place."""
     values = [(each.worst if worst else each.figures).get(key) for each in (law, plain)]
     if law.unplaced or plain.unplaced or None in values:
         return "-"
     ours, theirs = (float(value) for value in values if value is not None)
-    return number(theirs / ours, 3)
+    return number(ours / theirs if key == STIFFNESS else theirs / ours, 3)
 
 
 def row(law: Competitor, model: Comparison, box: Comparison, snap: Figure) -> str:
@@ -47,7 +47,7 @@ def row(law: Competitor, model: Comparison, box: Comparison, snap: Figure) -> st
     else:
         cells += [ratio(at_model, model[PLAIN], key, worst=False) for key in (snap.key, TRACKING)]
     cells += [ratio(law, box[PLAIN], key, worst=False) for key in (snap.key, TRACKING)]
-    cells += [ratio(law, box[PLAIN], key, worst=True) for key in (snap.key, TRACKING)]
+    cells += [ratio(law, box[PLAIN], key, worst=True) for key in (snap.key, STIFFNESS, TRACKING)]
     peak = law.worst.get(SENSITIVITY_PEAK.key)
     cells += ["unstable" if peak is None else number(peak, 4), law.kind or "ranked"]
     return f"| {' | '.join(cells)} |"
@@ -56,13 +56,13 @@ def row(law: Competitor, model: Comparison, box: Comparison, snap: Figure) -> st
 def gain(law: Competitor | None, plain: Competitor, *, worst: bool) -> tuple[float, float] | None:
     """How many times a law is better than P-PI in tracking and in stiffness at 10 Hz; None without a place.
 
-    Stiffness is that at the worst plant if `worst`.  Tracking is that of the model: at other plants it is run at two
-    only, which differ from law to law.
+    Both are those at the worst plant if `worst`: tracking at the same plants for all laws.
     """
     if law is None or law.unplaced or plain.unplaced:
         return None
-    errors = [each.figures.get(TRACKING) for each in (law, plain)]
-    stiffness = [(each.worst if worst else each.figures).get(STIFFNESS_AT[0].key) for each in (law, plain)]
+    errors, stiffness = (
+        [(each.worst if worst else each.figures).get(key) for each in (law, plain)] for key in (TRACKING, STIFFNESS)
+    )
     values = [float(value) for value in (*errors, *stiffness) if value]
     return (values[1] / values[0], values[2] / values[3]) if len(values) == 4 and np.isfinite(values).all() else None
 
@@ -96,7 +96,7 @@ def remaining(model: Comparison, over: Comparison) -> Chart:
         high=1.15 * float(np.max(y)),
     )
     label = (
-        "tracking (times better than P-PI); dots: equal robustness over the box, lines: from that at the model alone"
+        "tracking, worst plant (times better than P-PI); dots: limits and figures over the box, lines: from the model"
     )
     return Chart(label, (panel,), LOG, 0.6 * float(np.min(x)), 2.0 * float(np.max(x)), height=6.4)
 
@@ -122,8 +122,8 @@ def main() -> None:
         )
         print(f"{name}: {sum(os.times()[:4]) - begun:.0f} s of processor time", flush=True)
     model, over = found
-    print(f"\n{over.rule}\n\n| law | model: snap | tracking | box, at the model: snap | tracking "
-          "| at the worst plant: snap | tracking | Ms at worst | |\n|---|---|---|---|---|---|---|---|---|")  # fmt: skip
+    heads = "law | model: snap | tracking | box, at the model: snap | tracking | at the worst plant: snap | stiffness"
+    print(f"\n{over.rule}\n\n| {heads} | tracking | Ms at worst | |\n|{10 * '---|'}")
     for law in over.competitors:
         if law.name != TODAY:
             print(row(law, model, over, ROPE_SNAP))

@@ -15,7 +15,7 @@ from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.comparison.compare import TODAY, Comparison, compare_laws
 from feeddrive.comparison.report import comparison_report, summary
 from feeddrive.evaluation.competitor import OUTSIDE, UNDECIDED, AtWork, Place, Plant
-from feeddrive.evaluation.duty import duty_of
+from feeddrive.evaluation.duty import Duty, duty_of
 from feeddrive.evaluation.robustness import Design, Rule
 from feeddrive.figures.ranking import CRITERIA
 from feeddrive.files.machine import read_machine
@@ -119,6 +119,31 @@ def test_a_loop_that_is_unstable_in_the_box_has_no_worst_runs() -> None:
     assert row.kind == OUTSIDE
     assert "over the box unstable at model: mass -50 %" in row.unplaced
     assert "tracking_error_rms_m" not in row.worst
+
+
+def test_every_law_runs_at_the_same_plants(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever its worst plants are, which differ between these gains."""
+    loop, box = read_machine("linear_motor").loop("x"), Box()
+    seen = list[list[tuple[float, float]]]()
+    runs = Duty.runs
+
+    def noted(duty: Duty, run: Loop, *rest: Any) -> Any:
+        seen[-1].append((float(run.axis.plant.rigid_mass()), float(run.axis.actuator.dead_time)))
+        return runs(duty, run, *rest)
+
+    monkeypatch.setattr(Duty, "runs", noted)
+    worst = list[Any]()
+    for Kp in (15_000.0, 31_000.0):
+        seen.append([])
+        law = replace(loop.control.law, Kp=Kp)
+        row = judged(replace(loop, control=replace(loop.control, law=law)), Rule(9.0, 0.1, 9.0, 0.1, 1, box=box))
+        worst.append(row.outcome(Progress()))
+    assert seen[0] == seen[1]
+    mass, dead, T = 40.0, float(loop.axis.actuator.dead_time), float(loop.sample_time)
+    assert seen[0] == [(mass, dead), *((mass * (1.0 + u), dead + late * T) for late in (0, 1) for u in (-0.3, 0.3))]
+    assert worst[0].box.plant != worst[1].box.plant
+    # the worst of these runs, and not that of the model
+    assert all(row.worst["tracking_error_rms_m"] > 1.2 * row.figures["tracking_error_rms_m"] for row in worst)
 
 
 def test_the_noise_of_p_pi_counts_at_its_worst_plant(found: Comparison) -> None:

@@ -72,6 +72,7 @@ def test_processes_compare_to_the_same_bits(alone: Comparison) -> None:
     equal(laws(Engine(2)), alone)
 
 
+@pytest.mark.slow(reason="processes give the same quickly, and the engine on a cluster")
 def test_a_cluster_compares_to_the_same_bits(alone: Comparison, cluster: DaskCluster) -> None:
     equal(laws(Engine(scheduler=cluster.address)), alone)
 
@@ -164,6 +165,7 @@ def test_a_stopped_comparison_begins_anew_without_resume(tmp_path: Path) -> None
         compare.run(CompareRequest("linear_motor", resume=True), Progress())
 
 
+@pytest.mark.slow(reason="a comparison that is resumed is quick")
 def test_a_benchmark_that_was_stopped_is_resumed(tmp_path: Path) -> None:
     asked: dict[str, Any] = {"rules": 1, "plant": (PLANT,), "law": ("DADSC", "LADRC"), "workers": 1}
     out, beside = tmp_path / "out", tmp_path / "out_cases"

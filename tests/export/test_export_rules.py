@@ -427,6 +427,7 @@ def verdicts_of_structured_text(number: int, count: int) -> None:
     assert {0, *bounds} <= hit
 
 
+@pytest.mark.slow(reason="the compiler takes 7 s; in C the same is quick")
 def test_structured_text_refuses_what_python_refuses() -> None:
     """Every block in a loop: one set of parameters inside, one that breaks each rule, a few by chance."""
     for number in covering():

@@ -63,16 +63,16 @@ def test_each_kind_is_read_as_its_constructor_builds_it() -> None:
         return read.with_travel(dict.fromkeys("AC", (-math.inf, math.inf)))
 
     points = {"outer_mm": "[10, 20, 30]", "inner_mm": "[0, 50, 250]"}
-    assert read(kind='"table_table"', nutating="true", **points) == Kinematics.table_table(
-        "AC", outer, pivot, work, 0.08, nutating=True, reversed_joints="C"
+    assert read(kind='"table_table"', nutating="true", **points) == Kinematics.of(
+        "table_table", "AC", outer, pivot, work, 0.08, nutating=True, reversed_joints="C"
     )
     points = {"outer_mm": "[10, 20, 30]", "pivot_mm": "[0, 50, 250]"}
-    assert read(kind='"head_head"', joints='"CA"', nutating="true", **points) == Kinematics.head_head(
-        "CA", outer, pivot, work, 0.08, nutating=True, reversed_joints="C"
+    assert read(kind='"head_head"', joints='"CA"', nutating="true", **points) == Kinematics.of(
+        "head_head", "CA", outer, pivot, work, 0.08, nutating=True, reversed_joints="C"
     )
     points = {"pivot_mm": "[0, 50, 250]", "inner_mm": "[10, 20, 30]"}
-    assert read(kind='"head_table"', **points) == Kinematics.head_table(
-        "AC", pivot, outer, work, 0.08, reversed_joints="C"
+    assert read(kind='"head_table"', **points) == Kinematics.of(
+        "head_table", "AC", pivot, outer, work, 0.08, reversed_joints="C"
     )
 
 

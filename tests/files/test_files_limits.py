@@ -403,7 +403,7 @@ def test_a_job_holds_four_million_samples_of_a_program(
 
     def planned(setpoints: object, _name: str, _machine: str, keep: Callable[..., None]) -> object:
         keep(few, ())
-        return SimpleNamespace(blocks=1, cycle_time=1.0)
+        return SimpleNamespace(blocks=1, cycle_time=1.0, kinematics=None)
 
     monkeypatch.setattr(part_program, "Setpoints", lambda *_: SimpleNamespace(samples=int(count)))
     monkeypatch.setattr(part_program, "planned_of", planned)

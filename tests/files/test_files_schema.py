@@ -235,6 +235,10 @@ resolution_mdeg = 0.01
 MADE_FROM = f"""
 [axis.x.standard_errors]
 "plant.mass_load" = 0.3
+"plant.stiffness" = 2e5
+
+[axis.x.correlations]
+"plant.mass_load plant.stiffness" = 0.9
 
 [[made_from]]
 file = "x_axis.csv"

@@ -94,6 +94,7 @@ def test_a_low_pass_is_found_behind_the_load() -> None:
     assert lag == pytest.approx(2e-3 + 0.5 * T, abs=0.5e-3)
 
 
+@pytest.mark.slow(reason="one more fit of two encoders")
 def test_the_law_is_taken_from_the_reading_that_it_had() -> None:
     """With both encoders in the log the law reads the motor, and the mass is that of the load's reading."""
     load, motor = log_of("load"), log_of("motor")

@@ -465,6 +465,7 @@ def test_the_stage_is_not_driven_where_an_encoder_sits() -> None:
         fit_modal_axis(motor=one, load=two, modes=3, band=(10.0, 400.0))
 
 
+@pytest.mark.slow(reason="one more fit; fits of two masses are quick in other tests")
 def test_two_masses_beyond_the_lines_are_told_under_a_late_and_lagging_drive() -> None:
     """Of 2.1 ms and a lag of 1.1 kHz the phase turns by 0.9 at the highest line, and the resonance lies beyond it.
 

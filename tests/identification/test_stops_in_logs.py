@@ -92,6 +92,7 @@ LOGS = [
 ]
 
 
+@pytest.mark.slow(reason="a share of many logs")
 def test_intervals_cover_the_truth_of_logs_with_stops() -> None:
     """60 logs: where 95 % are held, fewer than 53 are by a chance of 1 %; 33 to 38 of mass and friction were."""
     shares = held(60, *LOGS[0])

@@ -73,6 +73,7 @@ def test_elasticity_that_the_model_lacks_is_in_the_error_of_the_mass(
     assert abs(narrow) > 3.0, narrow
 
 
+@pytest.mark.slow(reason="two more fits of a long log")
 def test_plain_friction_keeps_its_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     wide = fitted(SLOW)
     monkeypatch.setattr(output_error, "_doubt", lambda *_: 0.0)

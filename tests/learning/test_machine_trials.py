@@ -13,7 +13,7 @@ from feeddrive.blocks.prefilter.trajectory_prefilter import TrajectoryPrefilter
 from feeddrive.blocks.reference.snap_limited_move import SnapLimitedMove
 from feeddrive.files.machine import read_machine
 from feeddrive.language.errors import ParameterError
-from feeddrive.learning.trials import iterate_machine, tune_prefilters
+from feeddrive.learning.trials import MachineTrials, iterate_machine, tune_prefilters
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
 from feeddrive.workflow import iterate
@@ -92,3 +92,12 @@ def test_the_run_of_one_axis():
     assert "y.force" not in x.signals
     with pytest.raises(ParameterError, match="no axis 'z'; it has x, y"):
         run.axis("z")
+
+
+def test_errors_of_rotary_axes_are_shown_as_angles() -> None:
+    errors = {"x": np.array([5e-6]), "c": np.array([7e-6])}
+    text = f"{MachineTrials(errors, ((3e-6, 1e-6),), {}, read_machine('trunnion_ac').machine(), ()).table()}"
+    rows = {line.partition("  ")[0]: line.split()[-2:] for line in text.splitlines()[3:]}
+    assert rows["x: error RMS"] == ["5", "um"]
+    assert rows["c: error RMS"] == ["7", "urad"]
+    assert rows["contour error, largest"] == ["3", "um"]

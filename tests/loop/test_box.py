@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -133,6 +134,73 @@ def test_all_corners_up_to_64_and_of_more_those_around_the_blocks(screw: Loop) -
     masses = [d.unit == "kg" for d in box.dimensions(axis)]
     blocks = {tuple(m if is_mass else k for is_mass in masses) for m in (-1.0, 1.0) for k in (-1.0, 1.0)}
     assert {Corner(block, late) for block in blocks for late in (0, 1)} <= set(many)
+
+
+def test_plants_common_to_all_laws_are_corners_of_the_box(screw: Loop) -> None:
+    """Eight with masses, stiffnesses and dead time, and fewer where one of them does not spread."""
+    found = list(Box().together(screw.axis))
+    assert len(found) == len(set(found)) == 8
+    assert set(found) <= set(Box().corners(screw.axis))
+    masses = [d.unit == "kg" for d in Box().dimensions(screw.axis)]
+    for corner in found:
+        for kind in (True, False):
+            assert len({u for u, is_mass in zip(corner.place, masses, strict=True) if is_mass is kind}) == 1
+    assert [len(list(box.together(screw.axis))) for box in (Box(dead_time=0), Box(0.0, 0.3, 1), Box(0.0, 0.0, 1))] == [
+        4, 4, 2,
+    ]  # fmt: skip
+
+
+def test_correlated_errors_lie_along_their_principal_axes(screw: Loop) -> None:
+    """Three errors of 4, 3 and 5 %: what their covariance allows is in the box, and its ends are those of the sum."""
+    plant = TwoMass(mass_motor=100.0, mass_load=40.0, stiffness=1e8)
+    axis = replace(screw.axis, plant=plant, friction_motor=None, friction_load=None)
+    names, shares = ("mass_motor", "mass_load", "stiffness"), np.array([0.04, 0.03, 0.05])
+    values = np.array([100.0, 40.0, 1e8])
+    R = np.array([[1.0, 0.5, 0.7], [0.5, 1.0, 0.95], [0.7, 0.95, 1.0]])
+    errors = {f"plant.{name}": share * value for name, share, value in zip(names, shares, values, strict=True)}
+    ties = {frozenset((f"plant.{names[i]}", f"plant.{names[j]}")): R[i, j] for i in range(3) for j in range(i)}
+    box = Box(deviations=2.0, dead_time=0).with_errors(axis, errors, "x.toml", ties)
+
+    def at(place: Any) -> np.ndarray:
+        varied = box.plant_of(axis, place)
+        return np.array([getattr(varied, name) for name in names]) / values[(...,) + (None,) * np.ndim(place[0])] - 1.0
+
+    covariance = R * np.outer(shares, shares)
+    axes = np.array([at(row) for row in np.eye(3).tolist()])
+    # at a principal axis two standard errors away, and each axis uncorrelated with the others
+    assert axes @ np.linalg.inv(covariance) @ axes.T == pytest.approx(4.0 * np.eye(3), abs=1e-9)
+    random = np.random.default_rng(4)
+    for w in random.uniform(-1.0, 1.0, (5, 3)):
+        assert at(w.tolist()) == pytest.approx(w @ axes, abs=1e-12)
+    many = random.uniform(-1.0, 1.0, (3, 7))
+    assert at(tuple(many)) == pytest.approx((many.T @ axes).T, abs=1e-12)
+    ends = np.array([d.at(1.0) for d in box.dimensions(axis)]) / values - 1.0
+    assert ends == pytest.approx(np.sum(np.abs(axes), axis=0))
+    corners = np.array([at(corner.place) for corner in box.corners(axis)])
+    assert np.max(np.abs(corners), axis=0) == pytest.approx(ends)
+    # stiffness over mass, by which the frequency is known: a third of what independent errors of this size allow
+    ratio = np.ptp((1.0 + corners[:, 2]) / (1.0 + corners[:, 1]))
+    box = box.upright()
+    independent = np.array([at(corner.place) for corner in box.corners(axis)])
+    assert ratio < 0.4 * np.ptp((1.0 + independent[:, 2]) / (1.0 + independent[:, 1]))
+    assert np.max(np.abs(independent), axis=0) == pytest.approx(ends)
+
+
+def test_a_plant_of_correlated_errors_is_named_by_its_values(screw: Loop) -> None:
+    plant = TwoMass(mass_motor=100.0, mass_load=40.0, stiffness=1e8)
+    axis = replace(screw.axis, plant=plant, friction_motor=None, friction_load=None)
+    errors = {"plant.mass_load": 1.0, "plant.stiffness": 2.5e6}
+    pair = frozenset(errors)
+    box = Box(0.0, 0.0, 0, deviations=2.0).with_errors(axis, errors, "x.toml", {pair: 0.8})
+    names = {str(box.named(axis, corner)) for corner in box.corners(axis)}
+    # 2 s (√1.8 ± √0.2)/√2
+    assert names == {"mass_load +6.3 %, stiffness +3.2 %", "mass_load +3.2 %, stiffness +6.3 %",
+                     "mass_load -6.3 %, stiffness -3.2 %", "mass_load -3.2 %, stiffness -6.3 %"}  # fmt: skip
+    three = {"plant.mass_motor": 1.0, **errors}
+    ties = {pair: 0.9, frozenset(("plant.mass_motor", "plant.mass_load")): 0.9,
+            frozenset(("plant.mass_motor", "plant.stiffness")): -0.9}  # fmt: skip
+    with pytest.raises(ParameterError, match="no errors have the correlations of mass_motor, mass_load, stiffness"):
+        Box(deviations=2.0).with_errors(axis, three, "x.toml", ties)
 
 
 def test_the_middle_of_every_edge_is_examined(screw: Loop) -> None:

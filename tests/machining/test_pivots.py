@@ -12,8 +12,8 @@ from feeddrive.path.kinematics import Kinematics
 TURN = np.linspace(0.0, 2.0 * np.pi, 37)
 STILL = 0.0 * TURN
 TIP = (0.05, -0.03, 0.02)
-TRUNNION = Kinematics.table_table("AC", workpiece=(0.0, 0.0, -0.08))
-FORK = Kinematics.head_head("CB", (0.0, 0.0, 0.25), (0.0, 0.0, 0.25), tool_length=0.1)
+TRUNNION = Kinematics.of("table_table", "AC", workpiece=(0.0, 0.0, -0.08))
+FORK = Kinematics.of("head_head", "CB", (0.0, 0.0, 0.25), (0.0, 0.0, 0.25), tool_length=0.1)
 
 
 def about_z(angle: np.ndarray, x: float, y: float) -> np.ndarray:

@@ -33,6 +33,7 @@ def test_every_claim_holds(found: Experiment) -> None:
     assert len({claim.key for claim in found.claims}) == len(found.claims)
 
 
+@whole
 def test_no_claim_accepts_anything_on_one_side_without_a_reason(found: Experiment) -> None:
     assert not loose(found.claims)
 

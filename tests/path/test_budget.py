@@ -14,7 +14,7 @@ import feeddrive as fd
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.limits import AxisLimits, MachineLimits
 from feeddrive.path.planned import planned_of
-from feeddrive.path.program import interpreter
+from feeddrive.path.program import lines
 from feeddrive.path.program.blocks import Line
 from feeddrive.path.program.budget import Budget, Spending, check_lines
 from feeddrive.path.program.reading import read_commands, read_program
@@ -72,7 +72,7 @@ LONG = (3, 9, 14, 16)  # of these programs: what takes long is their reading, wh
 )
 def test_pathological_programs_end_or_are_refused(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two of each kind; a clock that is read every 64 moves lets the CPU end after 1,300 of them."""
-    monkeypatch.setattr(interpreter, "MOST_AGAIN_AT_REST", 2000)
+    monkeypatch.setattr(lines, "MOST_AGAIN_AT_REST", 2000)
     planned_or_refused(tmp_path, number, Spending(Budget(), ticking(1.5)))
 
 

@@ -14,7 +14,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.graph import Graph, Symbol
 from feeddrive.language.series import Interval, Taylor
 from feeddrive.loop.trace import evaluate
-from feeddrive.path.kinematics import Kinematics, RotaryJoint, UnreachableError, Vector
+from feeddrive.path.kinematics import Kind, Kinematics, RotaryJoint, UnreachableError, Vector
 from feeddrive.path.orientation import angle_between
 
 RNG = np.random.default_rng(29)
@@ -26,15 +26,15 @@ def point() -> Vector:
 
 
 MACHINES = {
-    "table AC": Kinematics.table_table("AC", point(), point(), point(), 0.1),
-    "table BC, B reversed": Kinematics.table_table("BC", point(), point(), point(), 0.1, reversed_joints="B"),
-    "nutating table": Kinematics.table_table("BC", point(), point(), point(), 0.1, nutating=True),
-    "head CB": Kinematics.head_head("CB", point(), point(), point(), 0.1),
-    "head CA, C reversed": Kinematics.head_head("CA", point(), point(), point(), 0.1, reversed_joints="C"),
-    "fork AB": Kinematics.head_head("AB", point(), point(), point(), 0.1),
-    "nutating head": Kinematics.head_head("CB", point(), point(), point(), 0.1, nutating=True),
-    "head B, table C": Kinematics.head_table("BC", point(), point(), point(), 0.1),
-    "nutating head, table C": Kinematics.head_table("AC", point(), point(), point(), 0.1, nutating=True),
+    "table AC": Kinematics.of("table_table", "AC", point(), point(), point(), 0.1),
+    "table BC, B reversed": Kinematics.of("table_table", "BC", point(), point(), point(), 0.1, reversed_joints="B"),
+    "nutating table": Kinematics.of("table_table", "BC", point(), point(), point(), 0.1, nutating=True),
+    "head CB": Kinematics.of("head_head", "CB", point(), point(), point(), 0.1),
+    "head CA, C reversed": Kinematics.of("head_head", "CA", point(), point(), point(), 0.1, reversed_joints="C"),
+    "fork AB": Kinematics.of("head_head", "AB", point(), point(), point(), 0.1),
+    "nutating head": Kinematics.of("head_head", "CB", point(), point(), point(), 0.1, nutating=True),
+    "head B, table C": Kinematics.of("head_table", "BC", point(), point(), point(), 0.1),
+    "nutating head, table C": Kinematics.of("head_table", "AC", point(), point(), point(), 0.1, nutating=True),
 }
 EVERY = pytest.mark.parametrize("machine", MACHINES.values(), ids=MACHINES)
 
@@ -79,9 +79,17 @@ def test_forward_is_the_inverse_of_inverse(machine: Kinematics) -> None:
 def test_a_positive_angle_turns_the_tool_right_handed_relative_to_the_workpiece() -> None:
     quarter = math.pi / 2.0
     # A about X: Z goes to -Y;  B about Y: Z goes to X (ISO 841), for tables and heads alike
-    for machine in (Kinematics.table_table("AC"), Kinematics.head_head("CA"), Kinematics.head_table("AC")):
+    for machine in (
+        Kinematics.of("table_table", "AC"),
+        Kinematics.of("head_head", "CA"),
+        Kinematics.of("head_table", "AC"),
+    ):
         assert np.array(machine.tool_axis((quarter, 0.0))) == pytest.approx([0.0, -1.0, 0.0], abs=1e-15)
-    for machine in (Kinematics.table_table("BC"), Kinematics.head_head("CB"), Kinematics.head_table("BC")):
+    for machine in (
+        Kinematics.of("table_table", "BC"),
+        Kinematics.of("head_head", "CB"),
+        Kinematics.of("head_table", "BC"),
+    ):
         assert np.array(machine.tool_axis((quarter, 0.0))) == pytest.approx([1.0, 0.0, 0.0], abs=1e-15)
         # then C about Z: X goes to Y
         assert np.array(machine.tool_axis((quarter, quarter))) == pytest.approx([0.0, 1.0, 0.0], abs=1e-15)
@@ -90,8 +98,10 @@ def test_a_positive_angle_turns_the_tool_right_handed_relative_to_the_workpiece(
 def test_a_reversed_joint_counts_the_other_way() -> None:
     tip, rotary = drawn(20)
     points = (point(), point(), point(), 0.1)
-    for build, letters in ((Kinematics.table_table, "AC"), (Kinematics.head_head, "CA"), (Kinematics.head_table, "AC")):
-        plain, turned = build(letters, *points), build(letters, *points, reversed_joints="A")
+    kinds: tuple[tuple[Kind, str], ...] = (("table_table", "AC"), ("head_head", "CA"), ("head_table", "AC"))
+    for kind, letters in kinds:
+        plain = Kinematics.of(kind, letters, *points)
+        turned = Kinematics.of(kind, letters, *points, reversed_joints="A")
         counted = np.array([-rotary[0], rotary[1]])
         assert np.array(turned.linear(tip, rotary)) == pytest.approx(np.array(plain.linear(tip, counted)), abs=1e-15)
         assert np.array(turned.tool_axis(rotary)) == pytest.approx(np.array(plain.tool_axis(counted)), abs=1e-15)
@@ -203,7 +213,7 @@ def test_both_branches_give_the_tool_axis_and_one_is_the_drawn(machine: Kinemati
 @pytest.mark.parametrize("tilt", [1e-8, 1e-6, 1e-3])
 def test_small_tilts_keep_their_digits(tilt: float) -> None:
     """A tilt from the third component alone would have an error of 1e-8 rad."""
-    machine = Kinematics.table_table("AC")
+    machine = Kinematics.of("table_table", "AC")
     for phi in np.linspace(-3.0, 3.0, 7):
         axis = np.array([math.sin(tilt) * math.cos(phi), math.sin(tilt) * math.sin(phi), math.cos(tilt)])
         branches = machine.rotary(axis)
@@ -214,9 +224,9 @@ def test_small_tilts_keep_their_digits(tilt: float) -> None:
 @pytest.mark.parametrize(("tilt", "free"), [(0.0, True), (0.7e-9, True), (1.5e-9, False)])
 def test_at_the_pole_the_angle_about_it_is_free(tilt: float, free: bool) -> None:
     for machine in (
-        Kinematics.table_table("AC"),
-        Kinematics.head_head("CB"),
-        Kinematics.head_table("BC", nutating=True),
+        Kinematics.of("table_table", "AC"),
+        Kinematics.of("head_head", "CB"),
+        Kinematics.of("head_table", "BC", nutating=True),
     ):
         branches = machine.rotary(np.array([0.0, math.sin(tilt), math.cos(tilt)]))
         assert branches.at_pole.tolist() == [free]
@@ -226,7 +236,7 @@ def test_at_the_pole_the_angle_about_it_is_free(tilt: float, free: bool) -> None
 
 
 def test_a_fork_has_its_pole_along_the_joint_that_carries_the_other() -> None:
-    machine = Kinematics.head_head("AB")
+    machine = Kinematics.of("head_head", "AB")
     branches = machine.rotary(np.array([1.0, 0.0, 0.0]))
     assert branches.at_pole.tolist() == [True]
     assert machine.rotary_letters[branches.free] == "A"
@@ -235,7 +245,7 @@ def test_a_fork_has_its_pole_along_the_joint_that_carries_the_other() -> None:
 
 @pytest.mark.parametrize(("beyond", "reached"), [(-1e-3, True), (0.7e-12, True), (1.5e-12, False), (1e-3, False)])
 def test_a_nutating_joint_of_45_degrees_tilts_by_90(beyond: float, reached: bool) -> None:
-    machine = Kinematics.head_table("BC", nutating=True)
+    machine = Kinematics.of("head_table", "BC", nutating=True)
     tilt = math.pi / 2.0 + beyond
     axis = np.array([[0.0, 0.0], [0.0, math.sin(tilt)], [1.0, math.cos(tilt)]])
     if reached:
@@ -251,7 +261,7 @@ def test_a_nutating_joint_of_45_degrees_tilts_by_90(beyond: float, reached: bool
 
 @pytest.mark.parametrize(("more", "fine"), [(0.7e-6, True), (1.5e-6, False), (-1.5e-6, False), (math.nan, False)])
 def test_a_vector_that_is_no_unit_vector_is_refused(more: float, fine: bool) -> None:
-    machine = Kinematics.table_table("AC")
+    machine = Kinematics.of("table_table", "AC")
     axis = np.array([[0.0, 0.6], [0.0, 0.0], [1.0, 0.8]]) * np.array([1.0, 1.0 + more])
     if fine:
         assert machine.rotary(axis).angles[0, 0, 1] == pytest.approx(math.asin(0.6), abs=1e-15)
@@ -281,14 +291,16 @@ def test_terms_of_the_tool_axis_and_the_nearest_tilt(machine: Kinematics) -> Non
 
 
 def test_what_is_no_machine_of_five_axes_is_refused() -> None:
+    with pytest.raises(ParameterError, match="a machine is a table_table, head_head, head_table, not 'fork'"):
+        Kinematics.of("fork", "AC")  # type: ignore[arg-type]
     with pytest.raises(ParameterError, match="two different rotary joints, not 'AA'"):
-        Kinematics.table_table("AA")
+        Kinematics.of("table_table", "AA")
     with pytest.raises(ParameterError, match="two letters of rotary joints are needed, such as AC, not 'A'"):
-        Kinematics.table_table("A")
+        Kinematics.of("table_table", "A")
     with pytest.raises(ParameterError, match="a nutating joint has the letter A, B, not 'C'"):
-        Kinematics.table_table("CB", nutating=True)
+        Kinematics.of("table_table", "CB", nutating=True)
     with pytest.raises(ParameterError, match=r"a rotary joint has the letter A, B, C, not 'U'"):
-        Kinematics.head_table("UC")
+        Kinematics.of("head_table", "UC")
     with pytest.raises(ParameterError, match=r"direction of joint A has the length 2\.0: give a unit vector"):
         RotaryJoint("A", (2.0, 0.0, 0.0))
     with pytest.raises(

@@ -48,18 +48,20 @@ CASES = {
     "xyzac-trt-kins": (
         # x y z of a point on both axes; A lies further by the offsets, C does not
         {"x-rot-point": 0.11, "y-rot-point": -0.07, "z-rot-point": 0.23, "y-offset": 0.013, "z-offset": -0.031},
-        Kinematics.table_table(
-            "AC", (0.0, -0.057, 0.199), (0.11, -0.07, 0.0), tool_length=LENGTH, reversed_joints="AC"
+        Kinematics.of(
+            "table_table", "AC", (0.0, -0.057, 0.199), (0.11, -0.07, 0.0), tool_length=LENGTH, reversed_joints="AC"
         ),
     ),
     "xyzbc-trt-kins": (
         {"x-rot-point": 0.11, "y-rot-point": -0.07, "z-rot-point": 0.23, "x-offset": 0.013, "z-offset": -0.031},
-        Kinematics.table_table("BC", (0.123, 0.0, 0.199), (0.11, -0.07, 0.0), tool_length=LENGTH, reversed_joints="BC"),
+        Kinematics.of(
+            "table_table", "BC", (0.123, 0.0, 0.199), (0.11, -0.07, 0.0), tool_length=LENGTH, reversed_joints="BC"
+        ),
     ),
     # the tool's length is its joint W; B counts against ISO 841
     "5axiskins": (
         {"pivot-length": 0.25},
-        Kinematics.head_head("CB", (0.0, 0.0, 0.25), (0.0, 0.0, 0.25), tool_length=LENGTH, reversed_joints="B"),
+        Kinematics.of("head_head", "CB", (0.0, 0.0, 0.25), (0.0, 0.0, 0.25), tool_length=LENGTH, reversed_joints="B"),
     ),
 }
 

@@ -25,12 +25,12 @@ from feeddrive.path.orientation import (
 )
 
 DEGREE = math.radians(1.0)
-AC = Kinematics.table_table("AC")
+AC = Kinematics.of("table_table", "AC")
 MACHINES = {
     "table AC": AC,
-    "head CB": Kinematics.head_head("CB", reversed_joints="B"),
-    "nutating head, table C": Kinematics.head_table("BC", nutating=True),
-    "nutating table": Kinematics.table_table("AC", nutating=True),
+    "head CB": Kinematics.of("head_head", "CB", reversed_joints="B"),
+    "nutating head, table C": Kinematics.of("head_table", "BC", nutating=True),
+    "nutating table": Kinematics.of("table_table", "AC", nutating=True),
 }
 EVERY = pytest.mark.parametrize("machine", MACHINES.values(), ids=MACHINES)
 
@@ -229,7 +229,7 @@ def test_a_pole_that_the_travel_of_the_other_joint_ends_at() -> None:
     assert chosen.rotary[0].min() >= 0.0
     with pytest.raises(UnreachableError, match=r"within the cone .* joint A .* 60 deg to 100 deg.*larger orientation"):
         choose_rotary(
-            Kinematics.table_table("AC").with_travel({"A": (60.0 * DEGREE, 100.0 * DEGREE)}),
+            Kinematics.of("table_table", "AC").with_travel({"A": (60.0 * DEGREE, 100.0 * DEGREE)}),
             tool_axis(np.array([1.2, 0.0, 1.2]), np.array(0.0)),
             cone=0.01,
         )

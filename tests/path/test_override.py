@@ -340,6 +340,7 @@ def test_every_sample_of_drawn_programs_under_drawn_overrides_holds(number: int)
     check_case(drawn_case(number, 0, 6))
 
 
+@pytest.mark.slow(reason="a motion of an hour")
 def test_the_clock_is_rounded_late_in_a_slow_motion() -> None:
     """152 s at 1.2 % of the feed: samples 1.5 ms apart are 2e-14 s beside their instants, which their snap shows."""
     check_case(drawn_case(5421, 24))

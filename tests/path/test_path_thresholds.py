@@ -36,7 +36,8 @@ from feeddrive.path.geometry.segments import Chain, blend_at, blend_room, chains
 from feeddrive.path.limits import AxisLimits, MachineLimits
 from feeddrive.path.motion import LINE, POLYNOMIAL, Motion, Part, Piece, Pieces, Section, piece_of
 from feeddrive.path.program.blocks import BlockError, Parameters, Values, read_block
-from feeddrive.path.program.interpreter import Flow
+from feeddrive.path.program.flow import Flow
+from feeddrive.path.program.lines import ProgramLines
 from feeddrive.path.program.moves import Command, Feed, Line, PathMode, Spline, Straight
 from feeddrive.path.program.reading import read_commands, read_program
 from feeddrive.path.proof import Prover, faults_of
@@ -160,16 +161,17 @@ def test_ten_million_lines_are_read_again_and_300_000_without_a_motion(
 ) -> None:
     program = tmp_path / "loop.ngc"
     program.write_text("o1 while [1]\no1 endwhile\n")
-    with closing(Flow(program, Parameters())) as flow:
+    with closing(ProgramLines(program)) as lines:
+        flow = Flow(lines, Parameters())
 
         def go_on() -> None:
             for _ in range(3):
-                line = flow.next_line()
+                line = lines.next_line()
                 assert line is not None
                 flow.act(line.text.replace(" ", ""))
 
         go_on()
-        setattr(flow, counter, count)
+        setattr(lines, counter, count)
         assert refuses(go_on, "does a loop never end?") is refused
 
 

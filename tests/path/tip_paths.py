@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from feeddrive.path.kinematics import Kinematics
+from feeddrive.path.kinematics import Kinematics, UnreachableError
 from feeddrive.path.motion import Part
+from feeddrive.path.orientation import choose_rotary
 from feeddrive.path.program.blocks import Line
-from feeddrive.path.program.moves import Arc, Feed, Move, PathMode, Straight, ToolPoint
+from feeddrive.path.program.moves import Arc, Dwell, Feed, Move, Orientation, PathMode, Spline, Straight, ToolPoint
 from feeddrive.path.proof import Prover
 from feeddrive.path.setpoints import Sampler, planned
 from feeddrive.path.tip_proof import TipProver
@@ -44,12 +46,12 @@ def machine(draw: np.random.Generator) -> Kinematics:
     kind = draw.integers(3)
     if kind == 0:
         letters = "BC" if draw.random() < 0.5 else "AC"
-        return Kinematics.table_table(letters, point(), point(), point(), tool, nutating=nutating)
+        return Kinematics.of("table_table", letters, point(), point(), point(), tool, nutating=nutating)
     if kind == 1:
         letters = "CB" if draw.random() < 0.5 else "CA"
-        return Kinematics.head_head(letters, point(), point(), point(), tool, nutating=nutating)
+        return Kinematics.of("head_head", letters, point(), point(), point(), tool, nutating=nutating)
     letters = "BC" if draw.random() < 0.5 else "AC"
-    return Kinematics.head_table(letters, point(), point(), point(), tool, nutating=nutating)
+    return Kinematics.of("head_table", letters, point(), point(), point(), tool, nutating=nutating)
 
 
 def curve(draw: np.random.Generator, count: int) -> np.ndarray:
@@ -81,8 +83,51 @@ def corners(draw: np.random.Generator, count: int) -> np.ndarray:
     return np.cumsum(steps, axis=0) * 0.7 + np.append(draw.uniform(-0.1, 0.1, 3), draw.uniform(-1.0, 1.0, 2))
 
 
-def drawn(draw: np.random.Generator, most: int = 60) -> Drawn:
-    """Draw a program."""
+def poles(draw: np.random.Generator, count: int) -> np.ndarray:
+    """Return points whose tilt passes 0 by 1e-12 to 0.1 rad, or at it, while the joint at the workpiece turns."""
+    points = corners(draw, count)
+    reach = 10.0 ** draw.uniform(-3.0, 0.0)
+    points[:, 3] = np.linspace(-reach * draw.random(), reach, count)
+    nearest = np.argmin(np.abs(points[:, 3]))
+    points[nearest, 3] = 0.0 if draw.random() < 0.5 else 10.0 ** draw.uniform(-12.0, -1.0)
+    points[:, 4] = np.cumsum(draw.normal(size=count) * 10.0 ** draw.uniform(-3.0, 0.3))
+    return points
+
+
+def windings(draw: np.random.Generator, count: int) -> np.ndarray:
+    """Return points whose joints have been wound up to 1e6 degrees, and turn up to two turns in a block."""
+    points = corners(draw, count)
+    points[:, 3:] += np.cumsum(draw.uniform(-1.0, 1.0, (count, 2)) * draw.choice([0.0, 3.0, 12.0], 2), axis=0)
+    points[:, 3:] += 2.0 * np.pi * np.round(draw.choice([-1.0, 1.0], 2) * 10.0 ** draw.uniform(-1.0, 3.44, 2))
+    return points
+
+
+def directions(draw: np.random.Generator, kinematics: Kinematics, count: int) -> np.ndarray:
+    """Return rotary joints of random directions of the tool, which arcs lead to, rad, shape (count, 2).
+
+    Raises UnreachableError for directions that the machine does not have.
+    """
+    tilts = np.abs(draw.normal(size=count)) * draw.choice([1e-4, 0.05, 0.5])
+    turns = np.cumsum(draw.normal(size=count) * draw.choice([0.05, 0.4]))
+    axis = np.array([np.sin(tilts) * np.cos(turns), np.sin(tilts) * np.sin(turns), np.cos(tilts)])
+    return choose_rotary(kinematics, axis, in_plane=True).rotary.T
+
+
+Shape: TypeAlias = Callable[[np.random.Generator, int], np.ndarray]
+
+
+def short(draw: np.random.Generator) -> Drawn:
+    """Draw a program of two to six blocks: all that `drawn` has, poles, windings, splines, dwells, turns in planes."""
+    return drawn(draw, 8, (curve, corners, poles, windings), 0.08)
+
+
+def drawn(
+    draw: np.random.Generator, most: int = 60, shapes: Sequence[Shape] = (curve, corners), rare: float = 0.0
+) -> Drawn:
+    """Draw a program of fewer than `most` points of one of the shapes, with a share of splines and of dwells.
+
+    With such a share an eighth of the programs, too, turn the tool in planes.
+    """
     kinematics = machine(draw)
     letters = kinematics.letters
     limits = np.vstack([np.tile(ROW, (3, 1)), np.tile(TURN, (2, 1))])
@@ -96,16 +141,22 @@ def drawn(draw: np.random.Generator, most: int = 60) -> Drawn:
         Feed(line, 10.0 ** draw.uniform(-4, 0), 10.0 ** draw.uniform(-2, 1)),
         ToolPoint(line, kinematics),
     ]
-    points = (curve if draw.random() < 0.5 else corners)(draw, int(draw.integers(3, most)))
+    shape = shapes[int(draw.random() * len(shapes))]
+    points = shape(draw, int(draw.integers(3, most)))
+    orientation: Orientation = "axes"
+    if rare and not exact and draw.random() < 0.15:
+        with contextlib.suppress(UnreachableError):
+            points[:, 3:] = directions(draw, kinematics, len(points))
+            orientation = "plane" if draw.random() < 0.5 else "vector"
     place = [3 + "ABC".index(letter) for letter in kinematics.rotary_letters]
-    arcs = draw.random() < 0.25
+    arcs, splines = draw.random() < 0.25, False
     rows = np.zeros((len(points), 9))
     rows[:, :3], rows[:, place] = points[:, :3], points[:, 3:]
     for k, (start, end) in enumerate(pairwise(rows)):
         source = Line("", k + 1, "")
         if np.array_equal(start, end):
             continue
-        if arcs and k % 3 == 0:
+        if arcs and k % 3 == 0 and orientation == "axes":
             end[2] = start[2]
             middle, across = 0.5 * (start[:2] + end[:2]), np.array([start[1] - end[1], end[0] - start[0]])
             center = middle + draw.uniform(-2.0, 2.0) * across
@@ -117,13 +168,23 @@ def drawn(draw: np.random.Generator, most: int = 60) -> Drawn:
                     )
                 )
                 continue
-        moves.append(Straight(source, tuple(start.tolist()), tuple(end.tolist()), bool(draw.random() < 0.03)))
+        if rare and draw.random() < rare:
+            moves.append(Dwell(source, 10.0 ** draw.uniform(-4.0, -1.0)))
+        if rare and draw.random() < rare and orientation == "axes":
+            splines = True
+            one, two = (start + share * (end - start) for share in (0.4, 0.7))
+            one[:3] += 0.2 * draw.normal(size=3) * np.linalg.norm(end[:3] - start[:3])
+            control = (tuple(one.tolist()), tuple(two.tolist()))
+            moves.append(Spline(source, tuple(start.tolist()), tuple(end.tolist()), control))
+            continue
+        traverse = bool(draw.random() < 0.03)
+        how: Orientation = "axes" if traverse else orientation
+        moves.append(Straight(source, tuple(start.tolist()), tuple(end.tolist()), traverse, how))
         if draw.random() < 0.02 and not exact:
             moves.append(PathMode(source, "continuous", tolerance * draw.uniform(0.3, 1.0)))
     points = np.hstack([rows[:, :3], rows[:, place]])
-    return Drawn(
-        moves, points if not arcs else points[-1:], kinematics, letters, limits, 0.0 if exact else tolerance, angle
-    )
+    points = points[-1:] if arcs or splines else points
+    return Drawn(moves, points, kinematics, letters, limits, 0.0 if exact else tolerance, angle)
 
 
 class Outcome(NamedTuple):
@@ -161,7 +222,8 @@ def look(program: Drawn, sampled: bool = True) -> Outcome:
     pieces = last.pieces
     q = pieces.origin[-1] + (pieces.shape[-1].sum(axis=1) if pieces.kind[-1] != 1 else np.nan)
     there = np.append(np.array(program.kinematics.linear(end[:3], end[3:])), end[3:])
-    if not np.max(np.abs(q - there)) < 1e-11:
+    # and a rounding of an angle that is wound up
+    if not np.max(np.abs(q - there)) < 1e-11 + 1e-15 * np.max(np.abs(end)):
         return Outcome(f"ends {np.max(np.abs(q - there))} off", lasts, of_tip.pieces)
     if sampled and len(program.points) > 1 and rows:
         q = np.concatenate(rows)

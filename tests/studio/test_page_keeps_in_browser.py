@@ -92,6 +92,7 @@ def test_what_is_said_of_an_ended_work_can_be_closed(studio: Any) -> None:
     assert page.locator("#job").is_hidden()  # messages of other things do not show it again
 
 
+@pytest.mark.slow(reason="one more start of the page")
 def test_a_zoom_keeps_the_place_that_was_chosen(studio: Any) -> None:
     page = (opened := studio.open()).page
     opened.go("prove")

@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from feeddrive.files.machine import read_machine
 from feeddrive.machining.circle_test import quadrant_peaks
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.jobs import CANCELLED, DONE
+from feeddrive.studio.rooms.prove import _bundled
 from feeddrive.studio.rooms.take import recipe_of
 from feeddrive.studio.server import Session
 from feeddrive.tuning.candidates import candidates
@@ -94,6 +96,7 @@ def test_only_what_was_chosen_is_compared_and_drawn_with_its_figures(compared: S
     assert laws[0]["why"].startswith("outside of the rule")
 
 
+@pytest.mark.slow(reason="its commands run again in a process of their own: 10 s; the recipe has tests of its own")
 def test_a_law_that_is_taken_is_in_the_recipe_which_writes_the_same_control(compared: Session, tmp_path: Path) -> None:
     said = asked(compared, "compare.take", law="P-PI + recovery")
     assert said["go"] == "tune"
@@ -132,6 +135,7 @@ def test_the_law_that_is_taken_stands_in_the_recipe_where_it_was_compared(sessio
     assert f"={0.95 * start}" in session.desk.done[0].request.set[0]  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow(reason="a third comparison, whose engine has the same test")
 def test_a_comparison_that_was_canceled_goes_on_where_it_was(session: Session) -> None:
     asked(session, "compare.choose", laws=["P-PI + recovery", "P-PI + DOB"])
     assert "error" not in asked(session, "compare.start", starts=1)
@@ -152,6 +156,7 @@ def test_a_comparison_that_was_canceled_goes_on_where_it_was(session: Session) -
     assert {each: each.stat().st_mtime_ns for each in first} == first  # what was finished was not computed again
 
 
+@pytest.mark.slow(reason="two more circles")
 def test_circles_of_the_control_before_lie_under_those_of_now(session: Session) -> None:
     shown = done(session, "prove.circle", x="x", y="y")
     assert not any(curve["look"] == "thin" for curve in shown["charts"]["circle.circle"]["panels"][0]["curves"])
@@ -260,3 +265,12 @@ def test_of_another_source_no_certificate_is_taken_away_and_of_another_control_i
     assert (tmp_path / "certificate").is_dir()  # of the source before
     assert asked(session, "take.show")["results"] == []
     assert "name must be one of" in asked(session, "take.result", name="certificate")["error"]
+
+
+def test_programs_of_the_tip_are_offered_to_a_five_axis_machine_only() -> None:
+    of_tip = {"blade.ngc", "dome.ngc", "s_curve.ngc", "s_curve_vectors.ngc"}
+    assert of_tip <= set(_bundled(read_machine("trunnion_ac")))
+    for machine in (None, read_machine("xy_table")):
+        offered = _bundled(machine)
+        assert "circle.ngc" in offered
+        assert not of_tip & set(offered)

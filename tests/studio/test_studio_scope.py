@@ -437,6 +437,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow(reason="a drive, a server and pages in processes of their own: 9 s")
 def test_a_drive_is_sampled_by_one_page_and_free_for_the_next(tmp_path: Path) -> None:
     """Over CANopen between processes; the axis falls by 1 N on 100 kg."""
     (tmp_path / "hanging.toml").write_text(HANGING, encoding="utf-8")

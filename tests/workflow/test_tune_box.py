@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
+from feeddrive.certificate import box_check
+from feeddrive.identification.response.plant_fit import fit_two_mass
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.table import Table
@@ -17,9 +20,11 @@ from feeddrive.loop.box import AUTO, Box
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.linearize import linearize
 from feeddrive.study.robust import tune_robust
+from feeddrive.tuning.worst import box_plants
 from feeddrive.workflow.certify import CertifyRequest, certify
 from feeddrive.workflow.command import AT_THE_MODEL
 from feeddrive.workflow.compare import CompareRequest
+from feeddrive.workflow.identify_responses import machine_text
 from feeddrive.workflow.tune import NO_MODEL, TuneRequest, tune
 
 
@@ -151,6 +156,82 @@ def test_without_a_box_the_limits_are_said_to_hold_at_the_model() -> None:
     assert AT_THE_MODEL not in boxed.notes
 
 
+TIED = """
+[axis.x.standard_errors]
+"plant.mass_motor" = 2.0
+"plant.mass_load" = 6.0
+"plant.stiffness" = 5e6
+"plant.damping" = 900.0
+
+[axis.x.correlations]
+"plant.stiffness plant.mass_load" = 0.95
+"plant.mass_motor plant.stiffness" = 0.3
+"""
+
+
+def tied_file(folder: Path, errors: str = TIED) -> Path:
+    path = folder / "two.toml"
+    path.write_text(fd.read_machine("machining_center").file.text + errors, encoding="utf-8")
+    return path
+
+
+def test_correlated_errors_of_a_file_make_a_box_along_their_axes(tmp_path: Path) -> None:
+    machine = fd.read_machine(tied_file(tmp_path))
+    box = machine.box(AUTO, "x")
+    assert box is not None
+    assert np.array(box.tied) == pytest.approx(np.array([[1.0, 0.0, 0.3], [0.0, 1.0, 0.95], [0.3, 0.95, 1.0]]))
+    # its plants are modelled like all others, and those of a tuning are named by their values
+    plants = box_plants(box, machine.loop("x"), "model", 0.05)
+    assert plants.screen is not None
+    corner = max(plants.corners, key=lambda c: sum(c.place))
+    assert str(plants.named(corner)) == f"model: {box.named(machine.loop('x').axis, corner)}"
+    # a proof takes each parameter on its own, between the same ends
+    proof = certify.run(CertifyRequest(tied_file(tmp_path), axis="x", box="identified")).result
+    assert proof.proven is True
+    assert proof.box.tied == ()
+    ends = [dimension.at(1.0) for dimension in box.dimensions(machine.loop("x").axis)]
+    assert [dimension.at(1.0) for dimension in proof.dimensions] == ends
+
+
+@pytest.mark.parametrize(
+    ("pair", "message"),
+    [
+        ('"plant.mass_load plant.stif" = 0.9', r"'plant.mass_load plant.stif' must be two different paths of standard"),
+        ('"plant.mass_load plant.mass_load" = 0.9', "must be two different paths of standard_errors"),
+        ('"plant.mass_load" = 0.9', "must be two different paths of standard_errors"),
+        ('"plant.mass_load plant.stiffness" = 1.1', r"= 1.1 must be from -1 to 1"),
+        (
+            '"plant.mass_load plant.stiffness" = 0.9\n"plant.stiffness plant.mass_load" = 0.8',
+            "a pair is stated twice",
+        ),
+    ],
+)
+def test_correlations_that_cannot_be_are_named(pair: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match=message):
+        fd.read_machine(tied_file(tmp_path, f"{TIED.partition('[axis.x.corr')[0]}[axis.x.correlations]\n{pair}\n"))
+
+
+def test_identify_writes_the_correlations_of_masses_and_stiffness() -> None:
+    loop = fd.read_machine("machining_center").loop("x")
+    f, random, lines = np.geomspace(5.0, 900.0, 60), np.random.default_rng(3), []
+    for name in ("reading_motor", "reading_load"):
+        response = fd.linearize(loop, ["cut"], [name]).response(f).response
+        size = 0.02 * np.abs(response)
+        noise = size * (random.normal(size=f.size) + 1j * random.normal(size=f.size)) / np.sqrt(2.0)
+        lines.append(FRF(f, response + noise, "force", name, "m/N", float(loop.sample_time), None, size**2))
+    fit = fit_two_mass(*lines)
+    written = tomllib.loads(machine_text(fit, None, "x"))["axis"]["x"]
+    names = [estimate.name for estimate in fit.estimates]
+    i, j = names.index("mass_load"), names.index("stiffness")
+    C = fit.covariance
+    pairs = {frozenset(pair.split()): value for pair, value in written["correlations"].items()}
+    assert pairs[frozenset(("plant.mass_load", "plant.stiffness"))] == pytest.approx(
+        C[i, j] / np.sqrt(C[i, i] * C[j, j]), abs=1e-4
+    )
+    assert set().union(*pairs) == {"plant.mass_motor", "plant.mass_load", "plant.stiffness"}
+    assert written["standard_errors"]["plant.stiffness"] == pytest.approx(fit["stiffness"].error, rel=1e-2)
+
+
 def test_a_box_is_proven_refuted_or_refused(tmp_path: Path) -> None:
     request = CertifyRequest("linear_motor", box="standard", max_ms=2.3, out=tmp_path / "proof")
     proven = certify.run(request)
@@ -161,6 +242,8 @@ def test_a_box_is_proven_refuted_or_refused(tmp_path: Path) -> None:
     kept = json.loads((tmp_path / "proof" / "box_proof.json").read_text(encoding="utf-8"))
     assert kept["verdict"] == "proven"
     assert "mass 28 to 52 kg" in kept["parameters"]
+    assert kept["machine"]["file"] == "linear_motor.toml"
+    assert box_check.checked(str(tmp_path / "proof" / "box_proof.json"))[1] is True
     assert "at every plant of the box" in (tmp_path / "proof" / "report.html").read_text(encoding="utf-8")
     refuted = certify.run(CertifyRequest("linear_motor", box="standard", max_ms=1.9))
     assert refuted.judgment is Judgment.BOX_NOT_PROVEN

@@ -21,7 +21,7 @@ between any two plants, and all are stable.  Each whole number of additional sam
 Sources: Zadeh & Desoer 1963, section 9.17 (mapping theorem); Barmish 1994, chapters 8 and 14.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import permutations, product
@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from feeddrive.certificate import check
+from feeddrive.certificate import box_check, check
 from feeddrive.certificate.certificate import LoopResponse
 from feeddrive.certificate.systems import deployed, modelled_plant
 from feeddrive.language.errors import ParameterError
@@ -42,10 +42,17 @@ from feeddrive.loop.box import Box, Corner, Dimension
 from feeddrive.loop.linearize import Lifted, StateSpace, linearize
 from feeddrive.loop.loop import Loop
 
+OUTSIDE = (
+    "changes in time, saturation, friction other than its slope, rounding of signals, and what is no parameter of the "
+    "model, such as a further mode"
+)
 WORK = 2e8  # corners of cells that are evaluated at most: a minute or two
 _PER_DECADE, _DECADES = 12, 6  # intervals of frequency at the start: from 10^-6 of Nyquist
 _CHUNK = 60_000  # corners that are evaluated together
 _IMAGES = 2  # images on either side whose bound is that of the cell; the rest is bounded together
+_AROUND = 1000  # directions in a quarter of a turn: half a step takes 10^-7 of |f|
+_STATED, _SHORT = 1e-13, "13g"  # of an entry: what a stated plant may differ by; digits of its factors
+_RECORDED = 2_000_000  # cells of which a file can be written: some 10 MB
 _ROUND = 1e-12  # of the sum of all terms of a polynomial: more than their rounding, 30 terms of 2^-53 each
 # a cell this small at which the proof fails is not halved again: share of its frequency, and of half of a dimension
 _NARROW, _SMALL = 1e-7, 1e-5
@@ -125,9 +132,7 @@ class Family:
         entries = np.stack([np.array(part, float) for part in (mechanics.stiffness, mechanics.damping, mechanics.mass)])
         n = entries.shape[1]
         shape = np.array(mechanics.shape, float)
-        one = axis.one_encoder()
-        only = mechanics.load if axis.encoder_load is not None else mechanics.motor
-        seen = {"reading_motor": only if one else mechanics.motor, "reading_load": only if one else mechanics.load}
+        seen = _seen(axis)
         inner = [[entries[:, i, j] for j in range(n)] for i in range(n)]
         value, size = _determinant(inner)
         values, sizes = [value], [size]
@@ -163,6 +168,89 @@ class Family:
             moved = np.einsum("bec,bc...->be...", weights, moved)
             values = np.moveaxis(moved, 1, 1 + i)
         return values.reshape(cells, -1, 1 + self.outputs, self.values.shape[-1])
+
+
+def _stated(axis: Axis, box: Box, readings: Sequence[str]) -> dict[str, Any]:
+    """Return the bodies of an axis and the parameters of a box as `box_check` reads them.
+
+    Each parameter adds its value times factor · v vᵀ to the mass or the stiffness matrix, which has rank one.
+    Raises ParameterError if these matrices are not those of the axis at all corners of the box.
+    """
+    dimensions = box.dimensions(axis)
+
+    def matrices(place: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        mechanics = replace(axis, plant=box.plant_of(axis, place)).mechanics()
+        M, C, K = (np.array(part, float) for part in (mechanics.mass, mechanics.damping, mechanics.stiffness))
+        return M, C, K
+
+    def short(values: np.ndarray, largest: float) -> np.ndarray:
+        # what is left of a difference is rounding
+        return np.where(np.abs(values) > 1e-12 * largest, values, 0.0)
+
+    mechanics, count = axis.mechanics(), len(dimensions)
+    middle = matrices([0.0] * count)
+    parameters: list[dict[str, Any]] = []
+    left = {"mass": middle[0], "damping": middle[1], "stiffness": middle[2]}
+    for i, d in enumerate(dimensions):
+        # twice the value: a difference over a narrow box would consist of rounding
+        far = matrices([1.0 / d.spread if i == j else 0.0 for j in range(count)])
+        grown = [(far[k] - middle[k]) / (d.at(1.0 / d.spread) - d.value) for k in (0, 2)]
+        sizes = [
+            float(np.max(np.abs(part))) / max(float(np.max(np.abs(middle[k]))), 1e-300)
+            for k, part in zip((0, 2), grown, strict=True)
+        ]
+        part = grown[int(np.argmax(sizes))]
+        j = int(np.argmax(np.abs(np.diag(part))))
+        vector = short(part[:, j] / part[j, j], 1.0)
+        vector = np.array([float(format(x, _SHORT)) for x in vector])
+        factor = float(format(part[j, j], _SHORT))
+        added = d.value * factor * np.outer(vector, vector)
+        matrix = "mass" if sizes[0] > sizes[1] else "stiffness"
+        left[matrix] = left[matrix] - added
+        parameters.append(
+            {
+                "name": d.path,
+                "unit": d.unit,
+                "from": d.at(-1.0),
+                "to": d.at(1.0),
+                "adds_to": matrix,
+                "factor": factor,
+                "vector": vector.tolist(),
+            }
+        )
+    for matrix, whole in zip(left, middle, strict=True):
+        left[matrix] = short(left[matrix], float(np.max(np.abs(whole))))
+    for place in product((-1.0, 1.0), repeat=count):
+        there = matrices(place)
+        for actual, (name, rest) in zip(there, left.items(), strict=True):
+            found, size = rest.copy(), np.abs(rest)
+            for u, p in zip(place, parameters, strict=True):
+                if p["adds_to"] == name:
+                    term = p["from" if u < 0.0 else "to"] * p["factor"] * np.outer(p["vector"], p["vector"])
+                    found, size = found + term, size + np.abs(term)
+            if np.any(np.abs(actual - found) > _STATED * np.maximum(size, np.max(np.abs(actual)))):
+                raise ParameterError(_not_affine(axis, f"a parameter enters its {name} matrix with more than rank one"))
+    seen = _seen(axis)
+    shape = np.array(mechanics.shape, float)
+    bandwidth = axis.actuator.current_loop
+    return {
+        "uncertain": parameters,
+        "plant": {
+            **{name: rest.tolist() for name, rest in left.items()},
+            "force": shape[mechanics.drive].tolist(),
+            "readings": {reading: shape[seen[reading]].tolist() for reading in readings},
+            "dead_time_s": float(axis.actuator.dead_time),
+            "current_loop_rad_s": None if bandwidth is None else 2.0 * np.pi * float(bandwidth),
+        },
+    }
+
+
+def _seen(axis: Axis) -> dict[str, int]:
+    """Return the number of the body whose position each reading is."""
+    mechanics = axis.mechanics()
+    one = axis.one_encoder()
+    only = mechanics.load if axis.encoder_load is not None else mechanics.motor
+    return {"reading_motor": only if one else mechanics.motor, "reading_load": only if one else mechanics.load}
 
 
 def _not_affine(axis: Axis, why: str) -> str:
@@ -233,6 +321,7 @@ class Judged(NamedTuple):
     """Cells, judged.
 
     holds     True where the proof holds
+    direction the code of the direction in which it was tested (`_direction`)
     worst     the corner whose |1 + L| at ω0 is least
     violated  True where this corner violates the bound itself
     open      True where this corner alone cannot be proven at ω0: the bound of the images is larger than its margin
@@ -240,6 +329,7 @@ class Judged(NamedTuple):
     """
 
     holds: np.ndarray
+    direction: np.ndarray
     worst: np.ndarray
     violated: np.ndarray
     open: np.ndarray
@@ -354,7 +444,8 @@ class Prover:
             angle = np.angle(f.value * np.conj(middle))
             wide = np.arccos(np.clip(taken / np.abs(f.value), 0.0, 1.0))
             first, last = np.max(angle - wide, axis=1), np.min(angle + wide, axis=1)
-            turn = np.exp(-1j * (np.angle(middle[:, 0]) + 0.5 * (first + last)))[:, None]
+            direction = _direction(np.angle(middle[:, 0]) + 0.5 * (first + last))
+            turn = np.conj(_vector(direction))[:, None]
             # infinite images leave -inf or nan, and no proof
             holds = np.min(f.least_along(turn, delta) - taken, axis=1) > 0.0
             size = np.abs(den.value)
@@ -370,15 +461,29 @@ class Prover:
             np.max(np.abs(np.diff(values, axis=1 + i)).reshape(cells.omega.size, -1), axis=1) for i in range(count)
         ]
         changes.append(np.max(2.0 * np.abs(f.slope) * delta + 4.0 * f.rest, axis=1))
-        return Judged(holds, worst, violated, open_, np.argmax(np.array(changes), axis=0))
+        return Judged(holds, direction, worst, violated, open_, np.argmax(np.array(changes), axis=0))
+
+
+def _direction(angle: np.ndarray) -> np.ndarray:
+    """Return the codes of the directions nearest to angles: places on the square |x| + |y| = `_AROUND`, from 0 on."""
+    x, y = np.cos(angle), np.sin(angle)
+    share = y / (np.abs(x) + np.abs(y))
+    place = np.where(x >= 0.0, share, 2.0 - share)  # a quarter of the square is 1
+    return np.rint(_AROUND * np.nan_to_num(place)).astype(np.int64) % (4 * _AROUND)
+
+
+def _vector(code: np.ndarray) -> np.ndarray:
+    """Return the directions of codes as complex numbers of magnitude 1."""
+    quarter, t = np.divmod(code, _AROUND)
+    side = (_AROUND - t + 1j * t) * 1j**quarter
+    return side / np.abs(side)
 
 
 def _least_of_hull(line: Line, delta: np.ndarray) -> np.ndarray:
     """Return a lower bound of the magnitude over a cell and interval, from the values at the corners; may be < 0."""
     size = np.maximum(np.abs(line.value), 1e-300)
     middle = np.mean(line.value / size, axis=1, keepdims=True)
-    angle = np.angle(line.value * np.conj(middle))
-    turn = np.exp(-1j * (np.angle(middle) + 0.5 * (np.max(angle, axis=1) + np.min(angle, axis=1))[:, None]))
+    turn = np.conj(middle) / np.maximum(np.abs(middle), 1e-300)
     return np.min(line.least_along(turn, delta[:, None]), axis=1)
 
 
@@ -393,6 +498,9 @@ class BoxProof(Result):
     reason    the reason why it is not proven, as a clause; empty if it is proven
     cells     cells of plants and frequencies that were examined
     corners   corners of these cells, of which `WORK` are examined at most
+    arithmetic, velocity   arithmetic of the coefficients, and the velocity in m/s at which friction is linearized
+    stated    what a second program needs to check the proof (`document`); None if it is not proven, or if there are so
+              many cells that they were not kept
     """
 
     box: Box
@@ -405,6 +513,9 @@ class BoxProof(Result):
     reason: Text
     cells: int
     corners: int
+    arithmetic: str = "float64"
+    velocity: float = 0.05
+    stated: Mapping[str, Any] | None = None
 
     @property
     def verdict(self) -> str:
@@ -436,6 +547,8 @@ class BoxProof(Result):
         """Return the result as plain values for JSON."""
         return {
             "box": str(self.box),
+            "arithmetic": self.arithmetic,
+            "velocity_m_s": self.velocity,
             "parameters": self.text,
             "claim": self.claim,
             "verdict": self.verdict,
@@ -445,6 +558,36 @@ class BoxProof(Result):
             "cells": self.cells,
             "corners": {"examined": self.corners, "most": int(WORK)},
         }
+
+
+def stated(loop: Loop, box: Box, model: StateSpace) -> dict[str, Any]:
+    """Return the plants and the control of a proof over a box as its file states them.
+
+    model  the deployed control, from its readings to the force
+
+    Raises ParameterError for a plant whose parameters do not enter with a matrix of rank one each.
+    """
+    return {
+        "sample_time_s": float(loop.sample_time),
+        "late_samples": box.dead_time,
+        **_stated(loop.axis, box, model.inputs),
+        "control": {"readings": list(model.inputs), **{name: getattr(model, name).tolist() for name in "ABCD"}},
+    }
+
+
+def document(proof: BoxProof, machine: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Return the result as a document; that of a proof is one that `box_check` accepts.
+
+    machine  names and SHA-256 digest of the machine file, if there is one
+    """
+    content = {
+        "format": box_check.FORMAT,
+        **proof.record(),
+        "machine": dict(machine or {}),
+        "outside": [OUTSIDE],
+        **(proof.stated or {}),
+    }
+    return {**content, "sha256": box_check.digest(content)}
 
 
 def prove_over_box(
@@ -465,6 +608,8 @@ def prove_over_box(
     """
     if sensitivity_peak is not None and not sensitivity_peak > 1.0:
         raise ParameterError(f"max_ms = {Quantity(sensitivity_peak):6} must be above 1, as 2: |1 + L| is 1 without L")
+    # the parameters enter one by one: with correlated errors the box around them is proven
+    box = box.upright()
     dimensions = box.dimensions(loop.axis)
     grid = _intervals(0.5 / float(loop.sample_time))
     planned = len(grid) * 2.0 ** len(dimensions) * (box.dead_time + 1)
@@ -481,10 +626,10 @@ def prove_over_box(
         )
     prover = Prover(loop, box, model, 0.0 if sensitivity_peak is None else 1.0 / sensitivity_peak)
     _check_model(prover, loop, box, velocity)
-    search = _Search(prover, loop, box, model, sensitivity_peak, velocity)
+    search = _Search(prover, loop, box, model, sensitivity_peak, arithmetic, velocity)
     search.corners()
     search.run(grid, work)
-    return search.result()
+    return search.result(grid)
 
 
 def _intervals(nyquist: float) -> np.ndarray:
@@ -498,11 +643,19 @@ class _Search:
     """The halving of cells until each is proven, one is found that cannot be, or the work is used up."""
 
     def __init__(
-        self, prover: Prover, loop: Loop, box: Box, model: StateSpace, bound: float | None, velocity: float
+        self,
+        prover: Prover,
+        loop: Loop,
+        box: Box,
+        model: StateSpace,
+        bound: float | None,
+        arithmetic: str,
+        velocity: float,
     ) -> None:
         self.prover, self.loop, self.box, self.model = prover, loop, box, model
-        self.bound, self.velocity = bound, velocity
+        self.bound, self.arithmetic, self.velocity = bound, arithmetic, velocity
         self.cells = self.examined = 0
+        self.trees = _Trees()
         self.proven: bool | None = True
         self.plant: Corner | None = None
         self.reason = Text()
@@ -560,13 +713,13 @@ class _Search:
         middle, half = np.tile(np.mean(grid, axis=1), lates.size), np.tile(half, lates.size)
         every = Cells(middle, half, -np.ones((n, count)), np.ones((n, count)), np.repeat(lates, len(grid)))
         # a plant at which the claim is wrong was found before
-        waiting = [every] if self.proven else []
+        waiting = [(every, self.trees.grown(n))] if self.proven else []
         most = max(1, _CHUNK // corners)
         while waiting:
-            cells = waiting.pop()
+            cells, numbers = waiting.pop()
             if cells.omega.size > most:
-                waiting.append(cells.take(np.arange(most, cells.omega.size)))
-                cells = cells.take(np.arange(most))
+                waiting.append((cells.take(np.arange(most, cells.omega.size)), numbers[most:]))
+                cells, numbers = cells.take(np.arange(most)), numbers[:most]
             if self.examined + cells.omega.size * corners > work:
                 self.proven, self.plant = None, _middle(cells, 0)
                 self.reason = Text(
@@ -578,13 +731,14 @@ class _Search:
             for i in np.flatnonzero(judged.violated)[:8]:
                 if self._refuted(_corner(cells, i, int(judged.worst[i])), float(cells.omega[i] / (2.0 * np.pi))):
                     return
+            self.trees.leave(numbers[judged.holds], judged.direction[judged.holds])
             left = np.flatnonzero(~judged.holds)
             if not left.size:
                 continue
-            cells, judged = cells.take(left), Judged(*(part[left] for part in judged))
+            cells, numbers, judged = cells.take(left), numbers[left], Judged(*(part[left] for part in judged))
             if self._stuck(cells, judged):
                 return
-            waiting.append(_halved(cells, judged.side))
+            waiting.append((_halved(cells, judged.side), self.trees.halve(numbers, judged.side)))
 
     def _stuck(self, cells: Cells, judged: Judged) -> bool:
         """Return True, with the reason noted, if a cell is too small to be halved, or small and open at a corner."""
@@ -607,7 +761,18 @@ class _Search:
             return True
         return False
 
-    def result(self) -> BoxProof:
+    def _stated(self, grid: np.ndarray) -> dict[str, Any] | None:
+        """Return what a second program needs; None without a proof, and if there are too many cells for a file."""
+        if not self.proven or self.cells > _RECORDED:
+            return None
+        return {
+            **stated(self.loop, self.box, self.model),
+            "frequencies_rad_s": [0.0, *grid[:, 1].tolist()],
+            "directions": _AROUND,
+            "trees": list(self.trees.texts(len(grid) * (self.box.dead_time + 1))),
+        }
+
+    def result(self, grid: np.ndarray) -> BoxProof:
         """Return what was found."""
         axis = self.loop.axis
         name = Text() if self.plant is None else self.box.named(axis, self.plant)
@@ -622,7 +787,56 @@ class _Search:
             self.reason,
             self.cells,
             self.examined,
+            self.arithmetic,
+            self.velocity,
+            self._stated(grid),
         )
+
+
+class _Trees:
+    """The halvings of cells: for each cell the code of a direction, or -1 - side and the numbers of its halves.
+
+    Cells are no longer kept once there are more than `_RECORDED` of them.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._codes, self._halves = np.zeros(1024, np.int64), np.zeros((1024, 2), np.int64)
+
+    def grown(self, count: int) -> np.ndarray:
+        """Return the numbers of so many new cells."""
+        numbers = np.arange(self.count, self.count + count)
+        self.count += count
+        if self.count > len(self._codes) and self.count <= _RECORDED:
+            more = max(self.count, 2 * len(self._codes)) - len(self._codes)
+            self._codes = np.concatenate([self._codes, np.zeros(more, np.int64)])
+            self._halves = np.concatenate([self._halves, np.zeros((more, 2), np.int64)])
+        return numbers
+
+    def leave(self, numbers: np.ndarray, directions: np.ndarray) -> None:
+        """Note the directions of cells that are proven."""
+        if self.count <= _RECORDED:
+            self._codes[numbers] = directions
+
+    def halve(self, numbers: np.ndarray, side: np.ndarray) -> np.ndarray:
+        """Note that cells are halved; return the numbers of all lower halves, and then of all upper ones."""
+        halves = self.grown(2 * numbers.size)
+        if self.count <= _RECORDED:
+            self._codes[numbers] = -1 - side
+            self._halves[numbers, 0], self._halves[numbers, 1] = np.split(halves, 2)
+        return halves
+
+    def texts(self, roots: int) -> Iterator[list[int]]:
+        """Yield the cells of each root, each one before its lower and then its upper half."""
+        codes, halves = self._codes.tolist(), self._halves.tolist()
+        for root in range(roots):
+            found, waiting = list[int](), [root]
+            while waiting:
+                cell = waiting.pop()
+                found.append(codes[cell])
+                if codes[cell] < 0:
+                    waiting += halves[cell][::-1]
+            yield found
 
 
 def _corner(cells: Cells, i: int, corner: int) -> Corner:

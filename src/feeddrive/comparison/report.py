@@ -111,8 +111,14 @@ def _ranked(comparison: Comparison, criteria: tuple[Figure, ...]) -> Marked:
             row.append(None if value is None else Text(f"{criterion.bare(value)}{beside} ({remark})"))
         best.append(places.index(1) if places.count(1) == 1 else None)
     columns = ["law", *(criterion.column() for criterion in criteria)]
-    over = "" if comparison.competitors[0].box is None else "at the model, then at the worst plant of the box, "
-    return Marked(Table(f"Figures, {over}and in brackets the place of the law by this criterion.", columns, rows), best)
+    boxed = comparison.competitors[0].box is not None
+    over = "at the model, then at the worst plant of the box, " if boxed else ""
+    runs = (
+        " Runs are those of the model and of the same plants for all laws: all masses, and all stiffnesses, at either "
+        "end of the box, without and with its dead time."
+    )
+    title = f"Figures, {over}and in brackets the place of the law by this criterion.{runs if boxed else ''}"
+    return Marked(Table(title, columns, rows), best)
 
 
 def _tuning(comparison: Comparison) -> Marked:

@@ -96,8 +96,8 @@ class Competitor:
     """A law on one axis: its loop, its figures in SI units, the reason why it is not ranked, and its runs.
 
     box       the law over the box of the rule; None if there is no box
-    worst     its figures at the worst plant of the box: linear ones over the box, those of runs at the plants with the
-              largest Ms and with the least stiffness at 10 Hz
+    worst     its figures at the worst plant of the box: linear ones over the box, those of runs at the model and at the
+              corners of `Box.together`, which are the same plants for every law
     nominal   figures of the model, where `figures` are those of drawn plants
     draws     its figures at each drawn plant; `figures` has the worst of them
     unplaced  empty for a ranked law, otherwise the kind and the reason. "unfit": the loop is unstable or the motion
@@ -307,20 +307,17 @@ class AtWork(Case[Competitor]):
     def _worst_over(self, box: OverBox, law: Competitor) -> Values:
         """Return the figures at the worst plant of the box; absent ones are None, as where the loop is unstable.
 
-        Only the plants with the largest Ms and the least stiffness at 10 Hz are run: a run costs as much as all the
-        linear models.
+        All laws are run at the same plants: the worst plants of each, at which the linear figures are the worst,
+        differ from law to law, and so would the runs.
         """
-        spreads = [box.spread(figure) for figure in (of_loops.SENSITIVITY_PEAK, of_loops.STIFFNESS_AT[0])]
-        plants = [spread.at for spread in spreads if spread is not None and spread.at is not None]
         over: dict[str, float | None] = {s.figure.key: s.worst for s in box.spreads}
         # a run at an unstable plant shows when it was stopped, not how bad it is
         if not math.isfinite(box.used):
             return over
         runs: list[Values] = [] if law.runs is None else [law.runs.figures]
-        for plant, seed in product(plants, self.plant.seeds[:1]):
-            axis = replace(law.loop.axis, plant=plant.axis.plant, actuator=plant.axis.actuator)
+        for corner, seed in product(box.box.together(law.loop.axis), self.plant.seeds[:1]):
             try:
-                runs.append(self.plant.duty.runs(replace(law.loop, axis=axis), seed, law.name).figures)
+                runs.append(self.plant.duty.runs(box.box.plant(law.loop, corner), seed, law.name).figures)
             except FeeddriveError:
                 # unstable or out of its bounds: it has no figures of runs at its worst plant
                 runs.append({})

@@ -41,6 +41,7 @@ from feeddrive.language.table import Result, Table
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine, System
+from feeddrive.path.kinematics import LINEAR
 
 
 class Other(Section):
@@ -128,6 +129,15 @@ class Job(Result):
     program: PlannedProgram | None = None
 
     instead: ClassVar[str] = "fd.run(job) runs a job; its loops stand by row in job.loops"
+
+    def require_axes(self, what: str) -> None:
+        """Raise ParameterError for a program that moves the tip of the tool; `what` works on each axis alone."""
+        if self.program is not None and self.program.moves_tip and self.program.file is not None:
+            raise ParameterError(
+                f"{self.file.name}: program.file = {self.program.file.name!r} moves the tip of the tool (G43.4, "
+                f"G43.5), and {what} corrects each axis along its own path: give a program of the joints; feeddrive "
+                "run judges the tip"
+            )
 
     def table(self) -> Table:
         """Tabulate the laws, one per row, starting with the existing one."""
@@ -251,9 +261,15 @@ def _turning(root: TomlTable, machine: MachineFile, axis: str) -> dict[Key, bool
 def _cuts(section: JobSection, program: PlannedProgram | None, machine: MachineFile) -> tuple[Coupling, ...]:
     """Return the cuts of the section [process] as couplings of the machine."""
     process = section.process
+    own = next((i for i, coupling in enumerate(machine.couplings) if isinstance(coupling, MillingCut)), None)
+    if own is not None and program is not None and program.moves_tip:
+        raise section.error(
+            f"program: it moves the tip of a tilted tool (G43.4, G43.5), and the forces of a tilted tool are not "
+            f"modelled: take couplings.{own}, a milling_cut, out of {machine.file.name}",
+            "program",
+        )
     if process is None or program is None:
         return ()
-    own = next((i for i, coupling in enumerate(machine.couplings) if isinstance(coupling, MillingCut)), None)
     if own is not None:
         raise process.error(
             f"the machine has a cut of its own: couplings.{own} of {machine.file.name} is a milling_cut, and both "
@@ -275,6 +291,12 @@ def _reference(section: JobSection, program: PlannedProgram | None, axis: str) -
     if axis not in program.references:
         raise section.error(
             f"axis: a part program does not move axis '{axis}': name one of {', '.join(program.references)}", "axis"
+        )
+    if program.kinematics is not None and axis.upper() not in LINEAR:
+        raise section.error(
+            f"axis: '{axis}' turns, and a run along a program is judged at the tip of the tool, in lengths: name x, y "
+            f"or z here, and give a job of '{axis}' alone a [reference] for its margins",
+            "axis",
         )
     return program.references[axis]
 

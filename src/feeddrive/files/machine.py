@@ -66,8 +66,21 @@ class AxisSection(Section):
         example='standard errors by path, such as "plant.mass" = 0.3',
     )
 
+    correlations: Mapping[str, float] | None = numbers(
+        "correlations of these standard errors, by both paths with a space between them",
+        default=None,
+        example='correlations by two paths, such as "plant.mass plant.stiffness" = 0.9',
+    )
+
+    @property
+    def correlated(self) -> Mapping[frozenset[str], float]:
+        """The correlations by both paths."""
+        return {frozenset(pair.split()): value for pair, value in (self.correlations or {}).items()}
+
     def check(self) -> None:
-        """Raise ParameterError for an error that is not above 0, and for one of no parameter of the axis."""
+        """Raise ParameterError for an error that is not above 0, for one of no parameter of the axis, for correlations
+        that are not between -1 and 1, and for those of values without a standard error.
+        """
         there = [name for name, _ in tree.leaves(self.physics)]
         for path, error in (self.standard_errors or {}).items():
             if path not in there:
@@ -82,6 +95,21 @@ class AxisSection(Section):
                     "out if it is not known",
                     "standard_errors",
                 )
+        for pair, value in (self.correlations or {}).items():
+            paths = pair.split()
+            if len(paths) != 2 or paths[0] == paths[1] or not set(paths) <= set(self.standard_errors or {}):
+                raise self.error(
+                    f"correlations: '{pair}' must be two different paths of standard_errors with a space between them, "
+                    'as "plant.mass plant.stiffness": write both paths, or leave it out',
+                    "correlations",
+                )
+            if not -1.0 <= value <= 1.0:
+                raise self.error(
+                    f"correlations: that of {pair} = {value} must be from -1 to 1: leave it out if it is not known",
+                    "correlations",
+                )
+        if len(self.correlated) < len(self.correlations or {}):
+            raise self.error("correlations: a pair is stated twice: leave one of them out", "correlations")
 
 
 class MachineSection(Section, kind="loop"):  # the `kind` at the top of machine files
@@ -124,7 +152,8 @@ class MachineFile(Result):
     """The content of a machine file: a loop for each axis, the couplings, and the source of the numbers.
 
     `loops` are the individual axes, without couplings; `limits` are the limits of planned motions, where stated;
-    `errors` are the standard errors of identified values in SI, by axis and path.
+    `errors` are the standard errors of identified values in SI, by axis and path, and `correlations` those of these
+    errors, by axis and both paths.
     """
 
     name: str
@@ -138,6 +167,9 @@ class MachineFile(Result):
     made_from: tuple[Origin, ...] = ()
     errors: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
     five_axes: FiveAxes | None = None
+    correlations: Mapping[str, Mapping[frozenset[str], float]] = field(
+        default_factory=dict[str, Mapping[frozenset[str], float]]
+    )
 
     @property
     def kinematics(self) -> Kinematics | None:
@@ -224,7 +256,7 @@ class MachineFile(Result):
         if text.strip() == AUTO and is_identified(plant, errors):
             box = Box.parse("identified")
             assert box is not None
-        return box.with_errors(plant, errors, self.file.name)
+        return box.with_errors(plant, errors, self.file.name, self.correlations.get(name, {}))
 
     def coupled(self, axis: str) -> str:
         """Return a clause that names the first coupling of an axis, or an empty string if the axis is not coupled."""
@@ -295,11 +327,19 @@ def _machine(file: TomlFile) -> MachineFile:
         section.made_from,
         {name: axis.standard_errors for name, axis in section.axis.items() if axis.standard_errors},
         section.kinematics,
+        {name: axis.correlated for name, axis in section.axis.items() if axis.correlations},
     )
 
 
-def with_standard_errors(edit: TomlEdit, axis: str, errors: Mapping[str, float]) -> None:
+def with_standard_errors(
+    edit: TomlEdit,
+    axis: str,
+    errors: Mapping[str, float],
+    correlations: Mapping[tuple[str, str], float] = MappingProxyType({}),
+) -> None:
     """Write the standard errors of identified values of an axis, in SI by path, in place of those in the file.
+
+    correlations  correlations of the errors of masses and stiffnesses, by both paths
 
     Errors that are 0 or not finite are left out: such a value was not estimated from the data.
     """
@@ -308,6 +348,15 @@ def with_standard_errors(edit: TomlEdit, axis: str, errors: Mapping[str, float])
     if rows:
         head = f"[axis.{axis}.standard_errors]  # SI, by path: the box `identified` is made of them"
         edit.replace(key, "\n".join([head, *rows]))
+    else:
+        edit.remove(key)
+    known = {path for path, error in errors.items() if 0.0 < error < math.inf}
+    pairs = [
+        f"{quoted(' '.join(pair))} = {value:.4f}" for pair, value in correlations.items() if known.issuperset(pair)
+    ]
+    key = ("axis", axis, "correlations")
+    if pairs:
+        edit.replace(key, "\n".join([f"[axis.{axis}.correlations]  # of these errors", *pairs]))
     else:
         edit.remove(key)
 

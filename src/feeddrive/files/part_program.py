@@ -80,6 +80,7 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import samples
 from feeddrive.path.geometry.weights import ROTARY
+from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.limits import MachineLimits
 from feeddrive.path.planned import FEW, Planned, planned_of
 from feeddrive.path.program.blocks import BlockError, located
@@ -682,6 +683,8 @@ class PlannedProgram:
     counted      mask of the samples in cut or, without a [process], at feed rate, shape (samples,)
     cuts         cutting conditions over time, from the section [process]
     process      the cutting process of the section [process]
+    kinematics   of a five-axis machine with the tool whose tip is judged: that of G43.4 or G43.5, otherwise that of the
+                 machine file
     """
 
     references: Mapping[str, Recorded]
@@ -692,6 +695,12 @@ class PlannedProgram:
     counted: np.ndarray | None = None
     cuts: tuple[Cut, ...] = ()
     process: Process | None = None
+    kinematics: Kinematics | None = None
+
+    @property
+    def moves_tip(self) -> bool:
+        """True if the program moves the tip of the tool (G43.4, G43.5)."""
+        return self.planned is not None and self.planned.tip is not None
 
     def couplings(self, substep: float) -> tuple[Coupling, ...]:
         """Return the cuts as couplings of a machine with this substep (s). Raise ParameterError if the machine lacks x
@@ -738,6 +747,7 @@ def planned_program(
     T = float(next(iter(machine.loops.values())).sample_time)
     kept: list[np.ndarray] = []
     lines: list[np.ndarray] = []
+    kinematics = planned_kinematics(machine, limits)
     moves = read_program(
         program,
         axes=limits.travel,
@@ -746,13 +756,13 @@ def planned_program(
         tables_inch=section.tables_inch,
         skip_deleted=section.skip_deleted,
         dialect=section.dialect,  # type: ignore[arg-type]
-        kinematics=planned_kinematics(machine, limits),
+        kinematics=kinematics,
     )
     # Closing ends the generator that reads the program, also after an error of the planner.
     with closing(moves):
         cut_process = None if process is None else process_of(process, program)
-        of_axes = _of_axes(moves)
-        stated = of_axes if used.tolerance is None else with_tolerance(of_axes, used.tolerance)
+        of_one_tool = _of_one_tool(moves)
+        stated = of_one_tool if used.tolerance is None else with_tolerance(of_one_tool, used.tolerance)
         noted = stated if cut_process is None else cut_process.spindle.noted(stated)
         setpoints = Setpoints(noted, limits, T, None, used)
 
@@ -780,6 +790,8 @@ def planned_program(
     references = {names[letter]: _reference(rows[:, i], T) for i, letter in enumerate(limits.letters)}
     # A follower, such as the second drive of a gantry, repeats the motion of its leader.
     references |= {name: references[leader] for name, leader in machine.followers().items() if leader in references}
+    if process is not None and kinematics is not None:
+        _require_upright(process, program, machine, references, np.abs(line))
     times = np.arange(len(line)) * T
     cuts = () if cut_process is None else cut_process.cuts(times, np.abs(line), line < 0)
     return PlannedProgram(
@@ -794,19 +806,37 @@ def planned_program(
         line > 0 if cut_process is None else _cutting(cuts, times),
         cuts,
         cut_process,
+        planned.kinematics or kinematics,
     )
 
 
-def _of_axes(moves: Iterable[Move]) -> Iterator[Move]:
-    """Yield the moves; refuse those of the tip of the tool, whose error a job does not judge."""
+def _of_one_tool(moves: Iterable[Move]) -> Iterator[Move]:
+    """Yield the moves; refuse those of the tip of a second tool, since a run is judged at one tip."""
+    tool = None
     for move in moves:
-        if isinstance(move, ToolPoint):
-            reason = (
-                "a job compares each axis with its path and cuts with an upright tool, while G43.4 and G43.5 move the "
-                "tip of a tilted one: take feeddrive plan, which writes setpoints of all axes"
-            )
-            raise located(move.source, BlockError(reason, "G"))
+        if isinstance(move, ToolPoint) and move.kinematics is not None:
+            if tool is not None and move.kinematics.tool != tool:
+                reason = (
+                    "this moves the tip of a second tool, and a job judges a run at the tip of one: write a program "
+                    "and a job for each tool"
+                )
+                raise located(move.source, BlockError(reason, "G"))
+            tool = move.kinematics.tool
         yield move
+
+
+def _require_upright(
+    process: ProcessSection, program: Path, machine: MachineFile, references: Mapping[str, Recorded], line: np.ndarray
+) -> None:
+    """Raise ParameterError for a cut in a program that tilts the tool or turns the workpiece."""
+    for name, reference in references.items():
+        if machine.loops[name].axis.rotary and np.any(reference.position != 0.0):
+            first = int(line[np.argmax(reference.position != 0.0)])
+            raise process.error(
+                f"process: {program.name} moves the rotary joint {name.upper()} (line {first}), and the forces of a "
+                "tilted tool on a turned workpiece are not modelled: leave out [process], which judges the motion of "
+                "the tip in air, or keep all rotary joints at 0"
+            )
 
 
 def _cutting(cuts: Sequence[Cut], times: np.ndarray) -> np.ndarray:

@@ -56,6 +56,7 @@ def along_program(job: Job, machine: Machine, run: Run, observers: Listening) ->
         turn=60.0 / min(speeds) if speeds else None,
         spindle=_spindle(job, machine, run),
         observers=observers,
+        kinematics=program.kinematics,
     )
 
 

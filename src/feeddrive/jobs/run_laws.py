@@ -12,7 +12,6 @@ from feeddrive.analysis.effort import fastest_mode, substeps_needed
 from feeddrive.analysis.replay import replay
 from feeddrive.analysis.stability import require_stable
 from feeddrive.blocks.coupling.milling_cut import MillingCut
-from feeddrive.blocks.families import Reference
 from feeddrive.blocks.reference.linear_move import LinearMove
 from feeddrive.evaluation.case import Case
 from feeddrive.evaluation.engine import Bar, Engine
@@ -299,7 +298,7 @@ def run_laws(job: Job, progress: Progress | None = None, engine: Engine | None =
         remarks += words
     elif log is not None:
         job = without_answer(job, log)
-    velocity = _velocity(job.reference, measured, next(iter(job.loops.values())).sample_time)
+    velocity = _velocity(job, measured, next(iter(job.loops.values())).sample_time)
     observers = listening(job)
     cases = [LawRun(job, name, measured, velocity, observers) for name in job.loops]
     bar = Bar(progress or Progress(), LawRun.stages * len(cases) + int(bool(observers)))
@@ -325,7 +324,9 @@ def _matched(job: Job) -> list[str]:
     if machine is None or job.program is None or len(job.program.references) < 2:
         return []
     try:
-        return list(matched_dynamics(machine, tuple(job.program.references)).remarks())
+        # the lag of an angle and that of a length make no angle of a line
+        linear = job.program.kinematics is not None
+        return list(matched_dynamics(machine, None if linear else tuple(job.program.references)).remarks())
     except FeeddriveError:
         # a machine without a linear model already has a remark under its law
         return []
@@ -352,10 +353,16 @@ def _together(job: Job, machine: Machine, axis: str, name: str, progress: Progre
     )
 
 
-def _velocity(reference: Reference | None, measured: Mapping[str, np.ndarray] | None, T: float) -> float:
-    """Return half of the highest set speed, in m/s, or 0.01 m/s for a reference without motion."""
+def _velocity(job: Job, measured: Mapping[str, np.ndarray] | None, T: float) -> float:
+    """Return half of the highest set speed, in m/s, or 0.01 m/s for a reference without motion.
+
+    On a five-axis machine it is that of the tip: one of its joints may stand throughout, and friction would hold it.
+    """
+    reference, program = job.reference, job.program
     if measured is not None:
         largest = float(np.max(np.abs(np.diff(measured["set_position"])), initial=0.0)) / T
+    elif program is not None and program.kinematics is not None and program.planned is not None:
+        largest = float(np.max(program.planned.course.speed, initial=0.0))
     else:
         assert reference is not None
         # the peak is an operating point of the linear model only: 2001 instants suffice for a program of any length

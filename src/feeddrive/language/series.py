@@ -1,4 +1,4 @@
-"""Numbers that are made of numbers: truncated Taylor series, a number with its change, intervals, and magnitudes.
+"""Numbers that are made of numbers: truncated Taylor series, a number with its change, intervals, and majorants.
 
 They pass through the same text as floats and arrays, if it uses only + - * and `ops.sin` and `ops.cos`, as the
 kinematics of a machine do (`path/kinematics.py`).  Their parts may be floats, arrays or composite numbers themselves:
@@ -218,32 +218,46 @@ def _outward(low: Any, high: Any) -> Interval:
     return Interval(low - (_OUTWARD * np.abs(low) + _TINY), high + (_OUTWARD * np.abs(high) + _TINY))
 
 
-class Magnitude(Composite):
-    """A bound on |x|, an array or a float, that stays one in sums, products, sine and cosine.
+class Majorant(Composite):
+    """Bounds on the magnitudes of all coefficients of a power series, `terms` of shape (order + 1, ...), that stay
+    bounds in sums, products, sine and cosine.
 
     Differences do not cancel: a bound is wide where the numbers are large, and costs a few operations.
     """
 
-    def __init__(self, size: Any) -> None:
-        self.size = size
+    def __init__(self, terms: Any) -> None:
+        self.terms = terms
 
     def __repr__(self) -> str:
-        return f"Magnitude({self.size})"
+        return f"Majorant({self.terms})"
 
-    def __add__(self, other: Any) -> Magnitude:
-        return Magnitude(self.size + (other.size if isinstance(other, Magnitude) else abs(other)))
+    def __add__(self, other: Any) -> Majorant:
+        if isinstance(other, Majorant):
+            return Majorant(self.terms + other.terms)
+        terms = self.terms.copy()
+        terms[0] += abs(other)
+        return Majorant(terms)
 
     __radd__ = __sub__ = __rsub__ = __add__
 
-    def __neg__(self) -> Magnitude:
+    def __neg__(self) -> Majorant:
         return self
 
-    def __mul__(self, other: Any) -> Magnitude:
-        return Magnitude(self.size * (other.size if isinstance(other, Magnitude) else abs(other)))
+    def __mul__(self, other: Any) -> Majorant:
+        if not isinstance(other, Majorant):
+            return Majorant(self.terms * abs(other))
+        a, b = self.terms, other.terms
+        terms = a[0] * b
+        for k in range(1, len(a)):
+            terms[k:] += a[k] * b[:-k]
+        return Majorant(terms)
 
     __rmul__ = __mul__
 
-    def waves(self) -> tuple[Magnitude, Magnitude]:
-        """Return the bounds of sine and cosine, which are 1."""
-        one = Magnitude(np.ones_like(self.size))
-        return one, one
+    def waves(self) -> tuple[Majorant, Majorant]:
+        """Return the bounds of sine and cosine, which are equal: 1, and k sₖ = Σ i aᵢ sₖ₋ᵢ, i = 1 .. k."""
+        terms = np.ones_like(self.terms)
+        slopes = (np.arange(len(terms)) * self.terms.T).T
+        for k in range(1, len(terms)):
+            terms[k] = (slopes[1 : k + 1] * terms[k - 1 :: -1]).sum(axis=0) / k
+        return Majorant(terms), Majorant(terms)

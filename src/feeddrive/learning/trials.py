@@ -316,8 +316,8 @@ def _rate(model: StateSpace | Lifted, true: StateSpace | Lifted, gain: float, ba
 class MachineTrials(Result):
     """Runs of the same motion, each with the parameters learned from the previous one.
 
-    error    RMS of the following error of each run, m, by axis
-    contour  maximum and RMS of the contour error of each run, m; empty unless two or three linear axes move
+    error    RMS of the following error of each run, m or rad, by axis
+    contour  maximum and RMS of the contour error of the linear axes of each run, m; empty unless two or three move
     learned  learned block in the last run, by axis: a disturbance compensator or a trajectory prefilter
     machine  machine of the last run
     remarks  one remark per axis that learned nothing from a run, with the reason
@@ -332,12 +332,13 @@ class MachineTrials(Result):
     def table(self) -> Table:
         """Return a table of the errors, with one column per run."""
         runs = len(next(iter(self.error.values())))
-        curves = {f"{axis}: error RMS": row for axis, row in self.error.items()}
+        units = {axis: ("rad", "urad") if loop.axis.rotary else ("m", "") for axis, loop in self.machine.axes().items()}
+        curves = [(f"{axis}: error RMS", row, *units[axis]) for axis, row in self.error.items()]
         if self.contour:
-            curves |= zip(("contour error, largest", "contour error, RMS"), np.transpose(self.contour), strict=True)
+            largest, rms = np.transpose(self.contour)
+            curves += [("contour error, largest", largest, "m", ""), ("contour error, RMS", rms, "m", "")]
         rows = [
-            [f"{name} {unit_name('m')}", *(Quantity(value, "m", bare=True) for value in values)]
-            for name, values in curves.items()
+            [name, *(Quantity(value, unit, form=shown) for value in values)] for name, values, unit, shown in curves
         ]
         heads = ["run", *(str(j + 1) for j in range(runs))]
         return Table(f"{runs} runs of the same motion on {', '.join(self.error)}", heads, rows)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -23,7 +24,9 @@ _STIFFNESS = {"N/m": 1.0, "Hz": 0.5}
 _DEVIATIONS = 2  # standard errors of `identified`: 95 % of a normal error
 AUTO = "auto"  # the box of an identification, if its standard errors are known, and else the standard box
 BOXES = (AUTO, "standard", "identified", "none")  # boxes by a word
+_TOGETHER = tuple(product((-1.0, 1.0), repeat=2))  # ends of all masses, and of all stiffnesses
 _CORNERS = 64  # of a box whose corners are all examined; of a larger one this many
+_INDEFINITE = 1e-3  # least eigenvalue of correlations with four digits that is rounding, below 0
 _EDGES = 256  # largest number of edges whose middles are examined
 
 
@@ -106,6 +109,15 @@ class Box:
     dead_time  additional dead time of the actuator, whole samples: a control is never earlier than its model says
     deviations if above 0, a value that was identified spreads by so many of its standard errors instead (`with_errors`)
     known      relative spread of each such value, by its path within the plant
+    tied       correlation matrix of the errors of `known`, in its order; empty: they are independent
+
+    With `tied` the box lies along the principal axes of the errors, R = V Λ Vᵀ: with spreads s, and places w, the
+    values are
+
+        p = p0 (1 + s V Λ^½ w),   -1 <= w <= 1
+
+    so that a resonance which is known better than its mass and its stiffness keeps its frequency.  `known` then has
+    the ends of this box, s Σ |V Λ^½|, between which each value lies.
 
     Friction, damping, encoders and the current loop are those of the model.  A mass that may be negative, such as an
     off-diagonal term of the mass matrix, changes with the geometric mean of the masses.
@@ -118,6 +130,7 @@ class Box:
     dead_time: int = 1
     deviations: float = 0.0
     known: tuple[tuple[str, float], ...] = ()
+    tied: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.deviations) and self.deviations >= 0.0):
@@ -173,14 +186,21 @@ class Box:
         of_errors = f",identified={number(self.deviations, 6)}" if self.deviations else ""
         return f"{stated},dead_time={self.dead_time}{unit}{of_errors}"
 
-    def with_errors(self, axis: Axis, errors: Mapping[str, float], where: str) -> Self:
+    def with_errors(
+        self,
+        axis: Axis,
+        errors: Mapping[str, float],
+        where: str,
+        correlations: Mapping[frozenset[str], float] = MappingProxyType({}),
+    ) -> Self:
         """Return the box in which each value with a standard error spreads by `deviations` of them.
 
-        errors  standard errors in SI by path, such as plant.mass
-        where   name of the file in messages
+        errors        standard errors in SI by path, such as plant.mass
+        where         name of the file in messages
+        correlations  correlations of these errors by both paths; those of other pairs are 0
 
         A box without `deviations` is returned unchanged.  Raises ParameterError if no mass and no stiffness has an
-        error, and for errors so large that the value might be 0.
+        error, for errors so large that the value might be 0, and for correlations that no errors have together.
         """
         if not self.deviations:
             return self
@@ -192,17 +212,44 @@ class Box:
                 "identify the axis (feeddrive identify), or take --box standard"
             )
         spreads = list[tuple[str, float]]()
+        paths = [d.path for d in every if d.path in known]
+        R = np.array([[correlations.get(frozenset((f"plant.{a}", f"plant.{b}")), float(a == b)) for b in paths]
+                      for a in paths])  # fmt: skip
+        tied = not np.array_equal(R, np.eye(len(paths)))
+        wide = dict(zip(paths, np.sum(np.abs(_principal(R)), axis=1).tolist(), strict=True)) if tied else {}
+        if tied and float(np.linalg.eigvalsh(R)[0]) < -_INDEFINITE:
+            raise ParameterError(
+                f"box '{self}': {where}: no errors have the correlations of {', '.join(paths)} together, whose matrix "
+                "has a negative eigenvalue: write them as identify does, or leave [axis.NAME.correlations] out"
+            )
         for d in every:
             if d.path in known:
                 # of a frequency, whose square is a stiffness, twice its own share
-                spread = known[d.path] / d.value / d.power
+                spread = known[d.path] / d.value / d.power * wide.get(d.path, 1.0)
                 if not spread < 1.0:
                     raise ParameterError(
                         f"box '{self}': {where}: {number(self.deviations, 3)} standard errors of {d.path} are "
                         f"{number(100.0 * spread, 3)} % of its value: measure longer, or take --box standard"
                     )
                 spreads.append((d.path, spread))
-        return replace(self, known=tuple(spreads))
+        return replace(self, known=tuple(spreads), tied=tuple(map(tuple, R.tolist())) if tied else ())
+
+    def upright(self) -> Self:
+        """Return the box without correlations that contains this one: each value between its ends, on its own."""
+        return replace(self, tied=())
+
+    def apart(self, dimensions: Sequence[Dimension], place: Sequence[Any]) -> list[Any]:
+        """Return the place of each parameter between its own ends, from a place of the box."""
+        if not self.tied:
+            return list(place)
+        paths = [d.path for d in dimensions]
+        turn = _principal(np.array(self.tied))
+        # from end to end: the spreads of `known` are those of the whole sum
+        turn /= np.sum(np.abs(turn), axis=1, keepdims=True)
+        rows, found = [paths.index(path) for path, _ in self.known], list(place)
+        for i, weights in zip(rows, turn.tolist(), strict=True):
+            found[i] = sum(weight * place[j] for weight, j in zip(weights, rows, strict=True))
+        return found
 
     @property
     def sentence(self) -> Text:
@@ -242,7 +289,7 @@ class Box:
         With an array in each dimension of `place`, the parameters of the plant are arrays: one entry per plant.
         """
         dimensions = self.dimensions(axis)
-        changes = {d.path: d.at(u) for d, u in zip(dimensions, place, strict=True)}
+        changes = {d.path: d.at(u) for d, u in zip(dimensions, self.apart(dimensions, place), strict=True)}
         signed = [(path, value) for path, value in tree.leaves(axis.plant) if _signed(axis, path)]
         masses = [np.log(changes[d.path] / d.value) for d in dimensions if d.unit in _MASS] if signed else []
         mean = np.exp(sum(masses) / max(len(masses), 1))
@@ -272,6 +319,16 @@ class Box:
         for late, place in product(lates, places):
             yield Corner(place, late)
 
+    def together(self, axis: Axis) -> Iterator[Corner]:
+        """Yield the corners at which all masses are at one end, all stiffnesses at one end, each with both dead times.
+
+        At most eight plants, which depend on no control.
+        """
+        mass = [d.unit in _MASS for d in self.dimensions(axis)]
+        places = dict.fromkeys(tuple(m if is_mass else k for is_mass in mass) for m, k in _TOGETHER)
+        for late, place in product(sorted({0, self.dead_time}), places):
+            yield Corner(place, late)
+
     def edges(self, axis: Axis) -> Iterator[Corner]:
         """Yield the middles of the edges between the corners of `corners`, at most 256."""
         middles = (
@@ -287,7 +344,8 @@ class Box:
 
     def named(self, axis: Axis, corner: Corner) -> Text:
         """Return a plant of the box in words, such as `mass_load -30 %, 1 sample later`."""
-        return named(self.dimensions(axis), corner)
+        dimensions = self.dimensions(axis)
+        return named(dimensions, replace(corner, place=tuple(self.apart(dimensions, corner.place))))
 
     def drawn(self, axis: Axis, count: int, seed: int) -> Iterator[Corner]:
         """Yield plants drawn at random: evenly from all of the box, every other one with some parameters at an end.
@@ -306,6 +364,17 @@ class Box:
 def _every(axis: Axis) -> tuple[Dimension, ...]:
     """Return all masses and stiffnesses of the plant of an axis, whichever tolerances a box has."""
     return Box(0.5, 0.5, 0).dimensions(axis)
+
+
+def _principal(R: np.ndarray) -> np.ndarray:
+    """Return V Λ^½ of a correlation matrix: its columns are the principal axes of errors of size 1."""
+    sizes, vectors = np.linalg.eigh(R)
+    return vectors * np.sqrt(np.maximum(sizes, 0.0))
+
+
+def can_spread(axis: Axis, path: str) -> bool:
+    """Return True for a mass or stiffness of the plant, by its path such as plant.mass."""
+    return any(f"plant.{dimension.path}" == path for dimension in _every(axis))
 
 
 def is_identified(axis: Axis, errors: Mapping[str, float]) -> bool:
@@ -334,7 +403,7 @@ def _signed(axis: Axis, path: str) -> bool:
 def _some_corners(mass: Sequence[bool], count: int) -> list[tuple[float, ...]]:
     """Return `count` corners: `mass` is True for the dimensions that are masses."""
     places: dict[tuple[float, ...], None] = {}
-    blocks = [tuple(m if is_mass else k for is_mass in mass) for m, k in product((-1.0, 1.0), repeat=2)]
+    blocks = [tuple(m if is_mass else k for is_mass in mass) for m, k in _TOGETHER]
     places.update(dict.fromkeys(blocks))
     flipped = (tuple(-u if i == j else u for j, u in enumerate(block)) for i in range(len(mass)) for block in blocks)
     places.update(dict.fromkeys(flipped))

@@ -11,6 +11,7 @@ make_lazy(
         ),
         "contour": "ContourError contour_error",
         "cutting_force": "CuttingForces cutting_forces Surface feed_mark runout_mark scallop wall",
+        "held_tip": "HeldTip held_tip_test",
         "load": "AxisLoad MachineLoad SpindleLoad axis_load machine_load spindle_load",
         "lobes": (
             "ChatterSigns chatter_signs CutStability Lobes ZeroOrder cut_stability semi_discretisation "
@@ -20,6 +21,7 @@ make_lazy(
         "part_run": "on_part Elements elements PartRun part_run",
         "regeneration": "Regeneration regeneration",
         "reversal": "Reversals reversals stick_time",
+        "tip_error": "TipError tip_error",
         "tool_point": "ToolMode ToolPoint tool_modes tool_point",
     },
 )

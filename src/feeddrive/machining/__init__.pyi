@@ -20,6 +20,8 @@ from feeddrive.machining.cutting_force import feed_mark as feed_mark
 from feeddrive.machining.cutting_force import runout_mark as runout_mark
 from feeddrive.machining.cutting_force import scallop as scallop
 from feeddrive.machining.cutting_force import wall as wall
+from feeddrive.machining.held_tip import HeldTip as HeldTip
+from feeddrive.machining.held_tip import held_tip_test as held_tip_test
 from feeddrive.machining.load import AxisLoad as AxisLoad
 from feeddrive.machining.load import MachineLoad as MachineLoad
 from feeddrive.machining.load import SpindleLoad as SpindleLoad
@@ -48,6 +50,8 @@ from feeddrive.machining.regeneration import regeneration as regeneration
 from feeddrive.machining.reversal import Reversals as Reversals
 from feeddrive.machining.reversal import reversals as reversals
 from feeddrive.machining.reversal import stick_time as stick_time
+from feeddrive.machining.tip_error import TipError as TipError
+from feeddrive.machining.tip_error import tip_error as tip_error
 from feeddrive.machining.tool_point import ToolMode as ToolMode
 from feeddrive.machining.tool_point import ToolPoint as ToolPoint
 from feeddrive.machining.tool_point import tool_modes as tool_modes

@@ -29,12 +29,15 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Column, Result, Table
 from feeddrive.language.text import Text
+from feeddrive.language.units import turning_key
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import Run, root_mean_square
 from feeddrive.machining.circle_test import circle_fit, minimum_zone
 from feeddrive.machining.contour import ContourError, Corner, Worst, contour_error, size, unit
 from feeddrive.machining.load import MachineLoad, SpindleLoad, machine_load
+from feeddrive.machining.tip_error import TipError, tip_error
+from feeddrive.path.kinematics import LINEAR, Kinematics
 
 _PARTS, _FINEST = 20_000, 2e-5  # pieces for the curvature of a path: largest number, shortest length in m
 _SAME = 0.05  # relative change of the curvature from one element to another
@@ -255,8 +258,8 @@ _SAME_PLACE = 3e-3  # m of path: places that lie closer are one
 
 
 class AxisRun(NamedTuple):
-    """The figures of one axis under a part program, in SI units; `line` and `time` are those of the largest following
-    error.
+    """The figures of one axis under a part program, in SI units (rad for a rotary axis); `line` and `time` are those
+    of the largest following error.
 
     following_rms, following_peak  RMS and peak of the following error over all samples, m
     glitch, glitches               the largest contour error in the 50 ms after a reversal, m; the number of reversals
@@ -293,14 +296,15 @@ class Estimated(NamedTuple):
 class PartRun(Result):
     """The result of a controller under a part program.
 
-    contour    contour error of all moving axes; it includes only samples at which the tool generates a finished wall of
-               the part (`on_part`) or moves at a feed rate
+    contour    contour error of all moving axes, or of the tip of the tool on a five-axis machine; it includes only
+               samples at which the tool generates a finished wall of the part (`on_part`) or moves at a feed rate
     axes       figures by axis
     load       load of the motors, and of the spindle if there is a cut
     cutting    cutting force on those of the axes x, y and z that the machine has, N, shape (n, N); None if there is no
                cut
     estimates  accuracy of the observers, by observer and axis
     disturbances  true disturbance of the axes with observers, by axis, N
+    tip        error of the tip and of the direction of the tool on a five-axis machine, otherwise None
     """
 
     name: str
@@ -310,6 +314,7 @@ class PartRun(Result):
     cutting: np.ndarray | None
     estimates: Mapping[str, Mapping[str, Estimated]]
     disturbances: Mapping[str, np.ndarray]
+    tip: TipError | None = None
 
     def worst(self, count: int = _LISTED) -> list[Worst]:
         """Return the largest contour errors of the included samples, at least a few millimeters of path apart."""
@@ -321,6 +326,20 @@ class PartRun(Result):
         if self.cutting is None or not np.any(self.contour.counted):
             return None
         return root_mean_square(np.linalg.norm(self.cutting[self.contour.counted], axis=1))
+
+    def turns(self, axis: str) -> bool:
+        """Return True for a rotary joint of a five-axis machine, whose figures are in rad and N m."""
+        return self.tip is not None and self.load.axes[axis].turning
+
+    def error_of(self, axis: str, size: float, digits: str = "4") -> Quantity:
+        """Return an error of an axis with its unit."""
+        if self.turns(axis):
+            return Quantity(size, "rad", form=f"{digits} urad", stays=True)
+        return Quantity(size, "m", form=digits)
+
+    def force_of(self, axis: str, size: float, digits: str = "4") -> Quantity:
+        """Return a force or torque of an axis with its unit."""
+        return Quantity(size, "N m" if self.turns(axis) else "N", form=digits, stays=self.turns(axis))
 
     @property
     def duty(self) -> float | None:
@@ -335,18 +354,21 @@ class PartRun(Result):
             "contour_error_95_percent_m": self.contour.within(),
             "contour_error_peak_m": self.contour.largest,
         }
+        figures |= {} if self.tip is None else self.tip.numbers()
         for axis, axis_run in self.axes.items():
+            key = turning_key if self.turns(axis) else str
             figures |= {
-                f"{axis}.following_error_rms_m": axis_run.following_rms,
-                f"{axis}.following_error_peak_m": axis_run.following_peak,
+                key(f"{axis}.following_error_rms_m"): axis_run.following_rms,
+                key(f"{axis}.following_error_peak_m"): axis_run.following_peak,
                 f"{axis}.following_error_peak_line": float(axis_run.line),
                 f"{axis}.reversals": float(axis_run.glitches),
                 f"{axis}.reversal_glitch_m": axis_run.glitch,
             }
         for axis, motor in self.load.axes.items():
+            key = turning_key if self.turns(axis) else str
             figures |= {
-                f"{axis}.drive_force_rms_N": motor.rms,
-                f"{axis}.drive_force_peak_N": motor.peak,
+                key(f"{axis}.drive_force_rms_N"): motor.rms,
+                key(f"{axis}.drive_force_peak_N"): motor.peak,
                 f"{axis}.force_rms_of_continuous": motor.of_continuous,
                 f"{axis}.force_peak_of_peak": motor.of_peak,
                 f"{axis}.work_J": motor.work,
@@ -379,21 +401,19 @@ class PartRun(Result):
         )
         columns = [
             "axis",
-            Column("following RMS", "m"),
-            Column("peak", "m"),
+            "following RMS",
+            "peak",
             "in line",
-            Column("force RMS", "N"),
-            Column("peak", "N"),
+            "force RMS",
+            "peak",
             Column("reversal", "m"),
         ]
         rows = [
             [
                 name,
-                axis.following_rms,
-                axis.following_peak,
+                *(self.error_of(name, size) for size in (axis.following_rms, axis.following_peak)),
                 axis.line,
-                motor.rms,
-                motor.peak,
+                *(self.force_of(name, size) for size in (motor.rms, motor.peak)),
                 axis.glitch if axis.glitches else None,
             ]
             for name, axis, motor in ((name, axis, self.load.axes[name]) for name, axis in self.axes.items())
@@ -412,6 +432,7 @@ def part_run(
     turn: float | None = None,
     spindle: SpindleLoad | None = None,
     observers: Mapping[str, Mapping[str, Observer]] | None = None,
+    kinematics: Kinematics | None = None,
 ) -> PartRun:
     """Evaluate a run of a machine along a part program.
 
@@ -424,6 +445,8 @@ def part_run(
     turn       longest duration of a spindle turn, s; None if there is no spindle
     spindle    load of the spindle, if known
     observers  observers by name and axis, applied to the readings and forces of the run by `observe`
+    kinematics  of a five-axis machine with its tool, all of whose joints the program moves: the contour error is then
+               that of the tip of the tool in the frame of the workpiece
 
     Raises ParameterError for lines that do not match the run, and the errors of `contour_error`.
     """
@@ -433,10 +456,16 @@ def part_run(
         raise ParameterError(f"the run has {run.samples} samples, the program {len(line)}: they do not belong together")
     lines = np.append(line[:n], np.full(run.samples - n, line[n - 1]))
     mask = np.ones(run.samples, bool) if counted is None else np.append(counted[:n], np.zeros(run.samples - n, bool))
-    contour = contour_error(run, axes=names, line=lines, counted=mask)
+    tip = None
+    if kinematics is not None:
+        by_letter = {name.upper(): name for name in names}
+        joints = [by_letter[letter] for letter in kinematics.letters]
+        tip = tip_error(run, kinematics, joints, line=lines, counted=mask)
+    contour = contour_error(run, axes=names, line=lines, counted=mask) if tip is None else tip.contour
     speed = np.sqrt(sum(run[f"{axis}.set_velocity"] ** 2 for axis in names))
     by_axis = {axis: _axis(run, axis, lines, contour, speed) for axis in names}
-    cutting = np.column_stack([run[f"{axis}.load_force"] for axis in names]) if cuts else None
+    linear = names if tip is None else [name for name in names if name.upper() in LINEAR]
+    cutting = np.column_stack([run[f"{axis}.load_force"] for axis in linear]) if cuts else None
     heard = {axis for by in (observers or {}).values() for axis in by if axis in names}
     true = {axis: disturbance_of(run, loops[axis], axis) for axis in names if axis in heard}
     estimates = {
@@ -446,7 +475,8 @@ def part_run(
         for name, by in (observers or {}).items()
     }
     acting = {axis: disturbance.astype(np.float32) for axis, disturbance in true.items()}
-    return PartRun(run.name, contour, by_axis, machine_load(run, machine, spindle=spindle), cutting, estimates, acting)
+    load = machine_load(run, machine, spindle=spindle)
+    return PartRun(run.name, contour, by_axis, load, cutting, estimates, acting, tip)
 
 
 def _axis(run: Run, axis: str, line: np.ndarray, contour: ContourError, speed: np.ndarray) -> AxisRun:

@@ -5,8 +5,9 @@ The control computes the linear joints q with the kinematics it knows; the machi
     error(θ) = actual.tip(nominal.linear(p, θ), θ) - p
 
 is what a probe on the spindle measures at a sphere that is fixed at p on the workpiece, while one or both rotary joints
-move and the linear ones follow: the tests K of ISO 10791-6.  For a table C whose axis lies at e beside its nominal
-place, error = (I - R(z, C)) e: nothing at C = 0, and 2 e after half a turn.
+move and the linear ones follow, as in tests of ISO 10791-6.  For a table C whose axis lies at e beside its nominal
+place, error = (I - R(z, C)) e: nothing at C = 0, and 2 e after half a turn.  `held_tip.py` has such a test through the
+loops.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from feeddrive.language.block import Block, Number, choice, parameter, table
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
-from feeddrive.path.kinematics import Kinematics, Vector
+from feeddrive.path.kinematics import Kind, Kinematics, Vector
 
 REVERSED = ("", "A", "B", "C", "AB", "AC", "BC")
 """Choices of joints that count against ISO 841."""
@@ -47,15 +47,7 @@ class TableTable(Block):
 
     def kinematics(self) -> Kinematics:
         """Return the kinematics of the machine."""
-        return Kinematics.table_table(
-            self.joints,
-            _point(self.outer),
-            _point(self.inner),
-            _point(self.workpiece),
-            self.tool_length,
-            nutating=self.nutating,
-            reversed_joints=self.reversed,
-        )
+        return _kinematics(self, "table_table", self.outer, self.inner)
 
 
 class HeadHead(Block):
@@ -79,15 +71,7 @@ class HeadHead(Block):
 
     def kinematics(self) -> Kinematics:
         """Return the kinematics of the machine."""
-        return Kinematics.head_head(
-            self.joints,
-            _point(self.outer),
-            _point(self.pivot),
-            _point(self.workpiece),
-            self.tool_length,
-            nutating=self.nutating,
-            reversed_joints=self.reversed,
-        )
+        return _kinematics(self, "head_head", self.outer, self.pivot)
 
 
 class HeadTable(Block):
@@ -107,19 +91,24 @@ class HeadTable(Block):
 
     def kinematics(self) -> Kinematics:
         """Return the kinematics of the machine."""
-        return Kinematics.head_table(
-            self.joints,
-            _point(self.pivot),
-            _point(self.inner),
-            _point(self.workpiece),
-            self.tool_length,
-            nutating=self.nutating,
-            reversed_joints=self.reversed,
-        )
+        return _kinematics(self, "head_table", self.pivot, self.inner)
 
 
 FiveAxes: TypeAlias = TableTable | HeadHead | HeadTable
 """The kinds of five-axis machines."""
+
+
+def _kinematics(machine: FiveAxes, kind: Kind, first: np.ndarray, second: np.ndarray) -> Kinematics:
+    return Kinematics.of(
+        kind,
+        machine.joints,
+        _point(first),
+        _point(second),
+        _point(machine.workpiece),
+        machine.tool_length,
+        nutating=machine.nutating,
+        reversed_joints=machine.reversed,
+    )
 
 
 def _point(row: np.ndarray) -> Vector:

@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
@@ -40,6 +40,9 @@ from feeddrive.language.text import Text
 Vector: TypeAlias = tuple[float, float, float]
 Numbers: TypeAlias = Sequence[Any] | np.ndarray
 """Numbers of any kind that the arithmetic takes: floats, arrays, symbols, series."""
+
+Kind: TypeAlias = Literal["table_table", "head_head", "head_table"]
+"""Where the rotary joints of a machine are."""
 
 LINEAR = "XYZ"
 """The letters of the linear joints."""
@@ -120,82 +123,43 @@ class Kinematics:
             raise ParameterError(f"kinematics of five axes have two different rotary joints, not '{''.join(letters)}'")
 
     @staticmethod
-    def table_table(
+    def of(
+        kind: Kind,
         letters: str,
-        outer: Vector = (0.0, 0.0, 0.0),
-        inner: Vector = (0.0, 0.0, 0.0),
+        first: Vector = (0.0, 0.0, 0.0),
+        second: Vector = (0.0, 0.0, 0.0),
         workpiece: Vector = (0.0, 0.0, 0.0),
         tool_length: float = 0.0,
         *,
         nutating: bool = False,
         reversed_joints: str = "",
     ) -> Kinematics:
-        """Return a machine whose table tilts and turns, such as a trunnion.
+        """Return a machine of a kind.
 
-        letters    of the joint on the base and of the one it carries: AC, BC
-        outer, inner  a point on the axis of the joint on the base, and of the one it carries, in machine coordinates, m
+        kind       letters of both joints, such as
+                   table_table  AC  a table that tilts (A on the base) and turns (C, carried by A): a trunnion
+                   head_head    CB  a head that turns (C on the slide) and tilts (B, which holds the spindle)
+                   head_table   BC  a head that tilts (B), and a table that turns (C)
+        first, second  a point on the axis of each joint, in the order of the letters, m: of a table in machine
+                   coordinates, of a head from the spindle's gauge point, such as (0, 0, pivot length)
         workpiece  origin of the workpiece in machine coordinates, m
-        tool_length   from the spindle's gauge point to the tip, m
-        nutating   True if the axis of the first joint lies at 45 degrees between Z and the axis of its letter
-        reversed_joints   letters of joints that count against ISO 841
+        tool_length    from the spindle's gauge point to the tip, m
+        nutating   True if an axis lies at 45 degrees between Z and the axis of its letter: that of the joint of a
+                   table_table on the base, of a head_head that holds the spindle, of the head of a head_table
+        reversed_joints  letters of joints that count against ISO 841
         """
-        outermost, innermost = _pair(letters)
-        table = (
-            RotaryJoint(outermost, _direction(outermost, nutating), outer, outermost in reversed_joints),
-            RotaryJoint(innermost, _direction(innermost), inner, innermost in reversed_joints),
+        if len(letters) != 2:
+            raise ParameterError(f"two letters of rotary joints are needed, such as AC, not '{letters}'")
+        leaning = 1 if kind == "head_head" else 0
+        one, other = (
+            RotaryJoint(letter, _direction(letter, nutating and k == leaning), point, letter in reversed_joints)
+            for k, (letter, point) in enumerate(zip(letters, (first, second), strict=True))
         )
-        return Kinematics(table, (), workpiece, (0.0, 0.0, -tool_length))
-
-    @staticmethod
-    def head_head(
-        letters: str,
-        outer: Vector = (0.0, 0.0, 0.0),
-        pivot: Vector = (0.0, 0.0, 0.0),
-        workpiece: Vector = (0.0, 0.0, 0.0),
-        tool_length: float = 0.0,
-        *,
-        nutating: bool = False,
-        reversed_joints: str = "",
-    ) -> Kinematics:
-        """Return a machine whose head turns and tilts.
-
-        letters    of the joint on the slide and of the one it carries, which holds the spindle: CA, CB, AB
-        outer      a point on the axis of the joint on the slide, from the spindle's gauge point, m
-        pivot      a point on the axis of the other joint, from the gauge point, m: (0, 0, pivot length) if they meet
-        nutating   True if the axis of the second joint lies at 45 degrees between Z and the axis of its letter
-        """
-        outermost, innermost = _pair(letters)
-        head = (
-            RotaryJoint(outermost, _direction(outermost), outer, outermost in reversed_joints),
-            RotaryJoint(innermost, _direction(innermost, nutating), pivot, innermost in reversed_joints),
-        )
-        return Kinematics((), head, workpiece, (0.0, 0.0, -tool_length))
-
-    @staticmethod
-    def head_table(
-        letters: str,
-        pivot: Vector = (0.0, 0.0, 0.0),
-        table: Vector = (0.0, 0.0, 0.0),
-        workpiece: Vector = (0.0, 0.0, 0.0),
-        tool_length: float = 0.0,
-        *,
-        nutating: bool = False,
-        reversed_joints: str = "",
-    ) -> Kinematics:
-        """Return a machine whose head tilts and whose table turns.
-
-        letters    of the joint of the head and of the table: BC, AC
-        pivot      a point on the axis of the head, from the spindle's gauge point, m
-        table      a point on the axis of the table, in machine coordinates, m
-        nutating   True if the axis of the head lies at 45 degrees between Z and the axis of its letter
-        """
-        head, turning = _pair(letters)
-        return Kinematics(
-            (RotaryJoint(turning, _direction(turning), table, turning in reversed_joints),),
-            (RotaryJoint(head, _direction(head, nutating), pivot, head in reversed_joints),),
-            workpiece,
-            (0.0, 0.0, -tool_length),
-        )
+        tables: dict[str, tuple[RotaryJoint, ...]] = {"table_table": (one, other), "head_table": (other,)}
+        heads: dict[str, tuple[RotaryJoint, ...]] = {"head_head": (one, other), "head_table": (one,)}
+        if kind not in tables | heads:
+            raise ParameterError(f"a machine is a {', '.join(get_args(Kind))}, not '{kind}'")
+        return Kinematics(tables.get(kind, ()), heads.get(kind, ()), workpiece, (0.0, 0.0, -tool_length))
 
     @property
     def joints(self) -> tuple[RotaryJoint, RotaryJoint]:
@@ -270,6 +234,14 @@ class Kinematics:
         Nothing of the size of the positions is subtracted: a small change keeps its relative accuracy.
         """
         moved = self.linear(_changes(tip, tip_change), _changes(rotary, rotary_change))
+        return tuple(position.change if isinstance(position, Change) else 0.0 * position for position in moved)
+
+    def tip_change(self, linear: Numbers, linear_change: Numbers, rotary: Numbers, rotary_change: Numbers) -> Row:
+        """Return `tip` at linear + linear_change and rotary + rotary_change less `tip` at linear and rotary (m).
+
+        A small change keeps its relative accuracy, as in `linear_change`.
+        """
+        moved = self.tip(_changes(linear, linear_change), _changes(rotary, rotary_change))
         return tuple(position.change if isinstance(position, Change) else 0.0 * position for position in moved)
 
     def rotary(self, axis: np.ndarray) -> Branches:
@@ -377,12 +349,6 @@ class Branches(NamedTuple):
     angles: np.ndarray
     at_pole: np.ndarray
     free: int
-
-
-def _pair(letters: str) -> tuple[str, str]:
-    if len(letters) != 2:
-        raise ParameterError(f"two letters of rotary joints are needed, such as AC, not '{letters}'")
-    return letters[0], letters[1]
 
 
 def _direction(letter: str, nutating: bool = False) -> Vector:

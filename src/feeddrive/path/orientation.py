@@ -35,6 +35,8 @@ MOST_WOUND = math.radians(1e6)
 """The largest angle of a rotary joint, rad: beyond it a position in float64 is no longer good for nanometers."""
 _END = 1e-9  # rad beyond the end of a travel that still counts as its end: the rounding of a programmed angle
 _SWEEP = 0.02  # rad from the arc, at the middle of a move, above which the choice of branch counts it as a lift
+HALF_TURN = 0.5 * TURN + 1e-6  # rad, with the rounding of a turn by 180 degrees
+_THROUGH = 0.1  # of the cone: an arc that comes so near to the pole may change the branch there
 _SHARES = (0.25, 0.5, 0.75)  # of a move, at which its tool axis is compared with the arc between its ends
 
 
@@ -59,6 +61,7 @@ def choose_rotary(
     cone: float = 0.0,
     way: np.ndarray | None = None,
     speeds: Sequence[float] = (1.0, 1.0),
+    in_plane: bool = False,
 ) -> Orientations:
     """Return the rotary joints that give tool axes, on the shortest way within the travel.
 
@@ -67,6 +70,8 @@ def choose_rotary(
     cone    half angle of the cone at the pole, rad: the orientation tolerance
     way     position of each block along the path, over which the free joint moves in the cone; absent: block by block
     speeds  speeds of the joints, by which their moves are compared
+    in_plane  True if the tool turns along the arc between two blocks: then a move leaves it that changes the branch
+              other than at the pole, or turns a joint by more than half a turn
 
     Raises UnreachableError for a tool axis that the joints or their travel do not reach, and ParameterError for a way
     that goes back and for speeds that are not above 0.
@@ -86,7 +91,13 @@ def choose_rotary(
     rotary, branch = np.zeros((2, blocks)), np.full(blocks, -1)
     if outside.size:
         rotary[:, outside], branch[outside] = _shortest(
-            kinematics, t[:, outside], branches.angles[:, :, outside], outside, start, speeds
+            kinematics,
+            t[:, outside],
+            branches.angles[:, :, outside],
+            outside,
+            start,
+            speeds,
+            cone if in_plane else None,
         )
     if outside.size < blocks:
         _cross_poles(kinematics, t, rotary, inside, free, start, way)
@@ -112,8 +123,12 @@ def _shortest(
     blocks: np.ndarray,
     start: Sequence[float] | None,
     speeds: Sequence[float],
+    along_arcs: float | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the angles, shape (2, n), and branches of the shortest way through all branches and turns."""
+    """Return the angles, shape (2, n), and branches of the shortest way through all branches and turns.
+
+    along_arcs  half angle of the cone at the pole, rad, if the tool follows arcs between the blocks; None: it need not
+    """
     joints = kinematics.joints
     limited = [_is_limited(joint) for joint in joints]
     # a travel of a turn or more hinders few programs: first without its ends, which leaves two states a block
@@ -123,12 +138,15 @@ def _shortest(
         unreached = np.flatnonzero(~np.any(allowed, axis=1))
         if unreached.size:
             raise _beyond_travel(joints, angles[:, :, unreached[0]], int(blocks[unreached[0]]))
-        chosen = _shortest_way(kinematics, t, candidates, allowed, endless, start, speeds)
+        chosen = _shortest_way(kinematics, t, candidates, allowed, endless, start, speeds, along_arcs)
         rotary = candidates[np.arange(blocks.size), chosen].T.copy()
         fits = True
         for j, joint in enumerate(joints):
             if endless[j]:
-                rotary[j] = unwound(rotary[j], start=None if start is None else start[j], letter=joint.letter)
+                try:
+                    rotary[j] = unwound(rotary[j], start=None if start is None else start[j], letter=joint.letter)
+                except UnreachableError as error:
+                    raise UnreachableError(str(error), int(blocks[error.block])) from None
                 if start is None:
                     rotary[j] += _turns_into(rotary[j], joint)
                 fits = fits and joint.least <= np.min(rotary[j]) and np.max(rotary[j]) <= joint.most
@@ -153,6 +171,7 @@ def _shortest_way(
     endless: Sequence[bool],
     start: Sequence[float] | None,
     speeds: Sequence[float],
+    along_arcs: float | None,
 ) -> np.ndarray:
     """Return the state of each block on the shortest way through the candidates, shape (n,)."""
     count, states = allowed.shape
@@ -163,7 +182,15 @@ def _shortest_way(
     cost = np.ascontiguousarray(np.where(allowed, 0.0, math.inf))
     middle, near = _middles(t)
     came, chosen = np.zeros(count * states, np.int64), np.zeros(count, np.int64)
-    rules = Rules(kinematics.axis_terms(), middle, near, turning, pace, TURN / float(np.min(pace)))
+    lift = TURN / float(np.min(pace))
+    fixed = np.zeros(count)
+    if along_arcs is not None:
+        inner = (*reversed(kinematics.table), *kinematics.head)[0]
+        pole = np.array(inner.direction)[:, None]
+        before = np.roll(t, 1, axis=1)
+        apart = np.minimum(_from_arc(before, t, pole), _from_arc(before, t, -pole))
+        fixed = np.where(apart > max(_THROUGH * along_arcs, POLE), 1.0, 2.0)
+    rules = Rules(kinematics.axis_terms(), middle, near, turning, pace, lift, fixed)
     shortest_way(np.ascontiguousarray(candidates), cost, first, rules, came, chosen)
     return chosen
 
@@ -217,6 +244,8 @@ class Rules(NamedTuple):
     middle    middle of the arc that leads to each block, shape (n, 3);  near  cosine of the largest angle from there
     endless   1 for a joint that turns without end, shape (2,)
     speeds    of the joints, shape (2,);  lift  cost of a move that leaves the arc
+    along     0 if the joints move straight to a block; if along the arc, 2 if it passes the pole, otherwise 1,
+              shape (n,)
     """
 
     terms: Floats2
@@ -225,6 +254,7 @@ class Rules(NamedTuple):
     endless: Floats
     speeds: Floats
     lift: float
+    along: Floats
 
 
 @kernel
@@ -251,8 +281,12 @@ def shortest_way(positions: Floats3, cost: Floats2, first: Floats, rules: Rules,
                 if rules.endless[1] > 0.0:
                     y = y - TURN * floor(y / TURN + 0.5)
                 total = cost[k - 1, r] + max(abs(x) / rules.speeds[0], abs(y) / rules.speeds[1])
+                if rules.along[k] > 0.0:
+                    other = 2 * s // states != 2 * r // states
+                    if (other and rules.along[k] < 1.5) or max(abs(x), abs(y)) > HALF_TURN:
+                        total += rules.lift
                 # a small move of the joints is a small one of the tool axis
-                if abs(x) + abs(y) > 2.0 * _SWEEP and (best < 0 or total < least):
+                elif abs(x) + abs(y) > 2.0 * _SWEEP and (best < 0 or total < least):
                     # at half a turn, which is farthest away, in place of the middle of several turns
                     share = min(0.5, 0.5 * TURN / max(abs(x), abs(y)))
                     a = positions[k - 1, r, 0] + share * x
@@ -302,7 +336,10 @@ def _cross_poles(
     blocks = np.flatnonzero(inside)
     place = np.arange(len(inside), dtype=float) if way is None else np.asarray(way, float)
     if outside.size:
-        rotary[free, blocks] = np.interp(place[blocks], place[outside], rotary[free, outside])
+        places, angles = place[outside], rotary[free, outside]
+        if start is not None and inside[0]:
+            places, angles = np.append(place[0] - 1.0 if way is None else 0.0, places), np.append(start[free], angles)
+        rotary[free, blocks] = np.interp(place[blocks], places, angles)
     else:
         held = kinematics.joints[free]
         rotary[free, blocks] = np.clip(0.0 if start is None else start[free], held.least, held.most)

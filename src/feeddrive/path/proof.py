@@ -888,6 +888,9 @@ def _prove(
             derivatives(kind[p], length[p], shape[p], length[p], before)
             derivatives(kind[p + 1], length[p + 1], shape[p + 1], 0.0, after)
             worst = 0.0
+            far = 0.0
+            for i in range(n):
+                far = max(far, abs(origin[p, i]))
             for i in range(n):
                 # jumps of q' .. q''' by the chain rule: derivatives of u are continuous at a joint of the path
                 d1 = after[i].first - before[i].first
@@ -899,7 +902,8 @@ def _prove(
                 worst = max(worst, jump(limits[i], 2, over))
                 apart = abs(origin[p + 1, i] - (origin[p, i] + before[i].value))
                 jumps[0] = max(jumps[0], apart)
-                if apart > 1e-12 * (1.0 + abs(origin[p, i]) + length[p]):
+                # and some roundings of an angle that is wound up, which the linear joints along a tip follow
+                if apart > 1e-12 * (1.0 + abs(origin[p, i]) + length[p]) + 1e-15 * far:
                     worst = max(worst, 1.0)
             jumps[1] = max(jumps[1], worst)
             if worst > widened:

@@ -87,6 +87,8 @@ def planned(
     overridden = None if override is None else Overridden(limits, override)
     joints: deque[str] = deque()  # path modes of the undecided joints
     modes: deque[str] = deque()  # path modes at the ends of runs not yet yielded
+    # at the undecided joints of a tip: distances of chords from their splines, m, and of directions, rad
+    errors: deque[tuple[float, float]] = deque()
     lines = _Lines()
 
     def leaving(parts: Iterable[Part | Pause]) -> Iterator[Part | Pause]:
@@ -109,7 +111,7 @@ def planned(
             of_tip, weights = segments.tip, segments.weights
             # the joints of a tip are planned in m and rad
             weighted = limits if weights is None or of_tip else limits * weights[:, None]
-            # overlapping runs are measured along axes: corners of a tip are rounded, or it stops
+            # where angles turn runs do not overlap: corners of a tip are rounded, or it stops
             joiner = Joiner() if of_tip is None else Joiner(lonely=np.inf)
             planner = Planner(weighted)
             if overridden is not None:
@@ -129,13 +131,30 @@ def planned(
             if stop:
                 modes.append(mode)
         if of_tip is not None:
-            tip.join(joint.deviation, segments)
-            sections = [tip.joints(section, segments, of_tip) for section in sections]
+            errors.extend(zip(segments.chords, segments.off, strict=True))
+            chords, off = np.array([errors.popleft() for _ in joint.stop]).reshape(-1, 2).T
+            tip.join(joint.deviation + chords, off, segments)
+            sections = _with_corners(sections, [tip.joints(section, segments, of_tip) for section in sections], tip)
         if overridden is not None:
             parts = overridden.along(sections, segments.ends, whole[2] if whole else None)
         else:
             parts = whole[2] if whole else planner.along(sections, segments.ends)
         yield from leaving(parts)
+
+
+def _with_corners(sections: list[Section], joints: list[Section], tip: TipProver) -> list[Section]:
+    """Return sections of the joints, with tolerances of the corners of the tip at which runs may overlap.
+
+    Around a corner of two lines in which only the tip moves, it moves by the sum of both ways, as the joints do, but
+    for a rotation that stands: the joints pass the corner as that of any axes.
+    """
+    out = list(joints)
+    for k in range(len(joints) - 1):
+        still = joints[k].pieces.kind[-1] == joints[k + 1].pieces.kind[0] == LINE
+        if joints[k].ends and still and sections[k].tolerance > 0.0:
+            out[k] = joints[k]._replace(tolerance=sections[k].tolerance)
+            tip.pass_corner(sections[k].tolerance)
+    return out
 
 
 class _Run:
@@ -325,7 +344,7 @@ PAUSES = {
     "Stop": "program stop (M0, M1, M60)",
     "Probe": "probe (G38)",
     "Wait": "wait for an input (M66)",
-    "ToolPoint": "begin or end of the tool point (G43.4, G43.5, G49)",
+    "ToolPoint": "begin or end of the tool point (G43.4, G43.5, G49, TRAORI, TRAFOOF)",
     "Turn": "the tip stands while axes turn",
     "Tolerance": "change of the tolerance, by which angles are weighted (G64)",
     "ToolChange": "tool change",
@@ -485,8 +504,9 @@ class Setpoints:
             where = _where(part, times, self._array[:, 0])
             feed, programmed = where.feed, where.programmed
             if part.tip is not None:
-                speed, feed = _tip_speed(values, part.tip, where.rate, feed)
-                programmed = feed
+                speed, bound = _tip_speed(values, part.tip, where.rate, feed)
+                if part.entering is None:
+                    feed = programmed = bound
             else:
                 speed = np.linalg.norm(values[:, :, 1] if weights is None else values[:, :, 1] * weights, axis=1)
             samples = Samples(self.samples, values, where.line, feed, speed, self.proven)

@@ -12,7 +12,8 @@ it, plus that of p, which is 0 if p is a polynomial.
 The direction of the tool is that of the angles, and these are the ones of the joined path.  The angle between two
 directions is at most the distance of the rotary angles times the largest singular value of both axes of rotation,
 √(1 + |n1 · n2|).  The distance of the joined path from the program is bounded where it is joined
-(`geometry/joints.py`).
+(`geometry/joints.py`), and that of straight moves of the joints from an arc of directions where it is divided
+(`turning.py`).
 
 The feed of a paced piece bounds u'; the largest |p'| on it times this bound must not exceed the feed of the program.
 
@@ -31,7 +32,7 @@ from feeddrive.language.errors import ProgramError
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints
 from feeddrive.language.quantity import Quantity
-from feeddrive.language.series import Magnitude, Taylor
+from feeddrive.language.series import Majorant, Taylor
 from feeddrive.language.text import Text
 from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.geometry.tip import beyond, mapped, series, shifted, ways
@@ -93,14 +94,20 @@ class TipProver:
         """True if all pieces so far are proven."""
         return self._count == 0
 
-    def join(self, deviation: np.ndarray, chain: Chain) -> None:
-        """Take bounds on the distance of the joined path of a chain from the program, in its weighted coordinates."""
+    def join(self, deviation: np.ndarray, off: np.ndarray, chain: Chain) -> None:
+        """Take bounds next to joints: on the distance of the joined path from the program, in the weighted coordinates
+        of a chain, and on the angle between its directions and those of the program, rad.
+        """
         assert chain.tip is not None
-        most = float(np.max(deviation, initial=0.0)) + chain.chords
-        self._joined = max(self._joined, most)
+        self._joined = max(self._joined, float(np.max(deviation, initial=0.0)))
         if chain.weights is not None:
-            turned = most / float(np.min(chain.weights[list(chain.tip.rotary)]))
-            self._angle = max(self._angle, np.sqrt(1.0 + abs(chain.tip.kinematics.cosine_of_axes)) * turned)
+            turned = deviation / float(np.min(chain.weights[list(chain.tip.rotary)]))
+            angles = np.sqrt(1.0 + abs(chain.tip.kinematics.cosine_of_axes)) * turned + off
+            self._angle = max(self._angle, float(np.max(angles, initial=0.0)))
+
+    def pass_corner(self, tolerance: float) -> None:
+        """Take the tolerance of a corner at which runs of the joints may overlap, m, which their proof keeps."""
+        self._joined = max(self._joined, tolerance)
 
     def joints(self, section: Section, chain: Chain, tip: TipColumns) -> Section:
         """Map a section of a chain to the joints and prove it; raise ProgramError where a joint leaves its travel."""
@@ -172,16 +179,20 @@ def tip_bounds(path: Pieces, joints: Pieces, tip: TipColumns) -> np.ndarray:
     """Return bounds on |tip(r) - p|, m, plus the distance of all other coordinates, over each piece, shape (n,)."""
     linear, rotary = list(tip.linear), list(tip.rotary)
     n, axes = path.origin.shape
-    apart = np.zeros(n)
-    for share in (0.0, 1.0):
-        values = [(piece.origin + ways(piece, share)) if share else piece.origin for piece in (joints, path)]
-        terms = [series(piece, share) for piece in (joints, path)]
-        r = [Taylor(values[0][:, k], *(term[:, k] for term in terms[0])) for k in range(axes)]
-        reached = tip.kinematics.tip([r[k] for k in linear], [r[k] for k in rotary])
-        for term in range(4):
-            here = np.stack([np.broadcast_to(np.asarray(axis.terms[term]), n) for axis in reached], axis=1)
-            there = values[1] if term == 0 else terms[1][term - 1]
-            apart += np.linalg.norm(here - there[:, linear], axis=1)
+    # both ends at once: half as many operations on twice the numbers
+    values, terms = list[np.ndarray](), list[list[np.ndarray]]()
+    for pieces in (joints, path):
+        values.append(np.concatenate([pieces.origin, pieces.origin + ways(pieces, 1.0)]))
+        ends = zip(series(pieces, 0.0), series(pieces, 1.0), strict=True)
+        terms.append([np.concatenate(both) for both in ends])
+    r = [Taylor(values[0][:, k], *(term[:, k] for term in terms[0])) for k in range(axes)]
+    reached = tip.kinematics.tip([r[k] for k in linear], [r[k] for k in rotary])
+    apart = np.zeros(2 * n)
+    for term in range(4):
+        here = np.stack([np.broadcast_to(np.asarray(axis.terms[term]), 2 * n) for axis in reached], axis=1)
+        there = values[1] if term == 0 else terms[1][term - 1]
+        apart += np.linalg.norm(here - there[:, linear], axis=1)
+    apart = apart[:n] + apart[n:]
     others = [k for k in range(axes) if k not in linear]
     straight = path.shape[:, others].copy()
     arc = path.kind == ARC
@@ -192,11 +203,12 @@ def tip_bounds(path: Pieces, joints: Pieces, tip: TipColumns) -> np.ndarray:
     # magnitudes of all Taylor coefficients at any point of a piece, from those at its middle
     middle = shifted(joints.shape, 0.5, 1.0)
     size = [np.abs(c) for c in (joints.origin + middle[0], *middle[1:])]
-    bounds = [np.sum([comb(j, k) * 0.5 ** (j - k) * size[j] for j in range(k, 8)], axis=0) for k in range(8)]
-    bounds.append(np.zeros_like(bounds[0]))
-    m = [Taylor(*(Magnitude(bound[:, k]) for bound in bounds)) for k in range(axes)]
+    bounds = np.zeros((_ORDER + 1, *joints.origin.shape))
+    for k in range(_ORDER):
+        bounds[k] = np.sum([comb(j, k) * 0.5 ** (j - k) * size[j] for j in range(k, _ORDER)], axis=0)
+    m = [Majorant(bounds[:, :, k]) for k in range(axes)]
     most = tip.kinematics.tip([m[k] for k in linear], [m[k] for k in rotary])
-    rest = np.stack([np.broadcast_to(axis.terms[_ORDER].size, n) for axis in most], axis=1)
+    rest = np.stack([axis.terms[_ORDER] for axis in most], axis=1)
     if arc.any():
         amplitude = np.linalg.norm(path.shape[arc][:, linear, :2], axis=2)
         turn = path.shape[arc][:, linear, 3] * path.length[arc, None]

@@ -25,8 +25,8 @@ make_lazy(
         ),
         "machining": (
             "axis_load axis_load_chart circle_causes circle_causes_chart circle_test circle_test_chart "
-            "circle_unrolled circle_unrolled_chart reversals reversals_chart chatter_signs chatter_signs_chart "
-            "lobes lobes_chart"
+            "circle_unrolled circle_unrolled_chart held_tip held_tip_chart reversals reversals_chart "
+            "chatter_signs chatter_signs_chart lobes lobes_chart"
         ),
         "over_frequency": (
             "bode bode_chart closed_loop closed_loop_chart open_loop open_loop_chart sensitivity "
@@ -43,7 +43,8 @@ make_lazy(
             "part_cutting part_cutting_chart part_estimates part_estimates_chart part_laws part_laws_chart "
             "corrected corrected_chart corrected_path corrected_path_chart learned learned_chart "
             "part_run part_run_chart part_zoom part_zoom_chart plan_causes plan_causes_chart plan_joints "
-            "plan_joints_chart plan_losses plan_losses_chart plan_profiles plan_profiles_chart planned planned_chart"
+            "plan_joints_chart plan_losses plan_losses_chart plan_profiles plan_profiles_chart planned planned_chart "
+            "tip_error tip_error_chart tip_joints tip_joints_chart"
         ),
         "tuning": (
             "delay_map delay_map_chart disturbance disturbance_chart in_time in_time_chart iteration "

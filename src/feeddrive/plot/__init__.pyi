@@ -50,6 +50,8 @@ from feeddrive.plot.machining import circle_test as circle_test
 from feeddrive.plot.machining import circle_test_chart as circle_test_chart
 from feeddrive.plot.machining import circle_unrolled as circle_unrolled
 from feeddrive.plot.machining import circle_unrolled_chart as circle_unrolled_chart
+from feeddrive.plot.machining import held_tip as held_tip
+from feeddrive.plot.machining import held_tip_chart as held_tip_chart
 from feeddrive.plot.machining import lobes as lobes
 from feeddrive.plot.machining import lobes_chart as lobes_chart
 from feeddrive.plot.machining import reversals as reversals
@@ -124,6 +126,10 @@ from feeddrive.plot.part_program import plan_profiles as plan_profiles
 from feeddrive.plot.part_program import plan_profiles_chart as plan_profiles_chart
 from feeddrive.plot.part_program import planned as planned
 from feeddrive.plot.part_program import planned_chart as planned_chart
+from feeddrive.plot.part_program import tip_error as tip_error
+from feeddrive.plot.part_program import tip_error_chart as tip_error_chart
+from feeddrive.plot.part_program import tip_joints as tip_joints
+from feeddrive.plot.part_program import tip_joints_chart as tip_joints_chart
 from feeddrive.plot.tuning import delay_map as delay_map
 from feeddrive.plot.tuning import delay_map_chart as delay_map_chart
 from feeddrive.plot.tuning import disturbance as disturbance

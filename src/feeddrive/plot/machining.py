@@ -10,16 +10,18 @@ import numpy as np
 from feeddrive.language.quantity import USUAL, Quantity, signal_unit, unit_name
 from feeddrive.language.text import Text, joined
 from feeddrive.machining.circle_test import CirclePath, CircleTest, QuadrantPeak, deviations, quadrant_peaks, same_feed
+from feeddrive.machining.held_tip import DIRECTIONS
 from feeddrive.plot import chart, style
 from feeddrive.plot.chart import Abscissa, Band, Box, Chart, Curve, Disc, Level, Mark, Note, Panel
 from feeddrive.plot.drawing import figure_of
-from feeddrive.plot.style import envelope
+from feeddrive.plot.style import POINTS, envelope
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from feeddrive.machining.circle_test import CircleCauses
     from feeddrive.machining.cutting_force import CuttingForces
+    from feeddrive.machining.held_tip import HeldTip
     from feeddrive.machining.load import AxisLoad
     from feeddrive.machining.lobes import ChatterSigns, CutStability, Lobes
     from feeddrive.machining.reversal import Reversal, Reversals
@@ -257,6 +259,34 @@ circle_causes = figure_of(circle_causes_chart)
 
 def _runs(causes: CircleCauses) -> str:
     return f"{len(causes.left)} circle{'s' if len(causes.left) > 1 else ''}"
+
+
+def held_tip_chart(test: HeldTip) -> Chart:
+    """Plot the readings of a held tip over the angle of the joint, both ways, and those of the axes alone."""
+    angle = np.degrees(test.angle)
+    panels = list[Panel]()
+    for name, reading, geometry in zip(DIRECTIONS, test.reading, test.geometry, strict=True):
+        # both panels have the curves of the first one
+        names = ("there", "back", "errors of the axes alone") if not panels else ("", "", "")
+        order = np.argsort(angle, kind="stable")
+        curves = [
+            Curve(
+                *envelope(angle[test.way == way], 1e6 * reading[test.way == way], POINTS // 2),
+                names[k],
+                k,
+                chart.PLAIN,
+                size=0.7,
+            )
+            for k, way in enumerate((1, -1))
+        ]
+        curves.append(Curve(*envelope(angle[order], 1e6 * geometry[order], POINTS // 2), names[2], 2, chart.DASHED))
+        wave = test.waves[name]
+        caption = Text(f"wave {Quantity(wave.amplitude, 'm'):3}, width {Quantity(wave.width, 'm'):3}")
+        panels.append(Panel(f"{name}\n({unit_name('um')})", tuple(curves), caption=caption))
+    return Chart(f"{test.joint} (deg)", tuple(panels), scale=chart.DEGREES, height=6.0)
+
+
+held_tip = figure_of(held_tip_chart)
 
 
 def reversals_chart(reversals: Reversals) -> Chart:

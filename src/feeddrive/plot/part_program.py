@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from feeddrive.learning.part_log import LearnedPart
     from feeddrive.machining.contour import ContourError, Corner, Worst
     from feeddrive.machining.part_run import PartRun
+    from feeddrive.machining.tip_error import TipError
 
 
 _ENLARGED = 0.08  # of the larger extent: size of the largest deviation as drawn
@@ -470,6 +471,58 @@ def part_run_chart(part: PartRun) -> Chart:
 
 
 part_run = figure_of(part_run_chart)
+
+
+def tip_error_chart(tip: TipError) -> Chart:
+    """Plot the contour error of the tip, its error along the path and that of the direction of the tool versus time, on
+    the samples that count.
+    """
+    time, counted = tip.contour.time, tip.contour.counted
+    along, across = (Quantity(tip.peak(values), "m", form="3") for values in (tip.along, tip.contour.error))
+    direction = Quantity(tip.peak(tip.direction), "rad", form="3 urad", stays=True)
+    rows = (
+        (f"across\n({unit_name('um')})", 1e6 * np.abs(tip.contour.error), across),
+        (f"along\n({unit_name('um')})", 1e6 * tip.along, along),
+        ("direction\n(µrad)", 1e6 * tip.direction, direction),
+    )
+    panels = tuple(
+        Panel(
+            label,
+            (Curve(*envelope(time, np.where(counted, values, 0.0)), number=k, look=chart.PLAIN, size=0.7),),
+            levels=(Level(0.0, faint=True),),
+            caption=Text(f"largest {largest}"),
+        )
+        for k, (label, values, largest) in enumerate(rows)
+    )
+    return Chart("time (s)", panels, height=5.6)
+
+
+tip_error = figure_of(tip_error_chart)
+
+
+def tip_joints_chart(tip: TipError) -> Chart:
+    """Plot the part of each joint in the contour error of the tip versus time, one panel for each joint."""
+    time, counted = tip.contour.time, tip.contour.counted
+    added = 1e6 * np.where(counted, tip.added, 0.0)
+    low, high = style.padded(*_ends(added))
+    panels = tuple(
+        Panel(
+            f"{joint.letter}\n({unit_name('um')})",
+            (Curve(*envelope(time, added[k], POINTS // 2), number=k, look=chart.PLAIN, size=0.7),),
+            levels=(Level(0.0, faint=True),),
+            low=low,
+            high=high,
+            caption=Text(
+                f"{Quantity(joint.share, 'share'):3} of the contour error"
+                + ("" if joint.lever is None else f"; lever arm up to {Quantity(joint.lever, 'm', form='3 mm')}")
+            ),
+        )
+        for k, joint in enumerate(tip.joints)
+    )
+    return Chart("time (s)", panels, height=7.6)
+
+
+tip_joints = figure_of(tip_joints_chart)
 
 
 def part_laws_chart(parts: Mapping[str, PartRun]) -> Chart:

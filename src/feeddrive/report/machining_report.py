@@ -10,6 +10,7 @@ from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.machining.circle_test import CircleCauses, CircleTest, peaks_table
 from feeddrive.machining.part_run import PartRun
+from feeddrive.machining.tip_error import TipError, joint_cells, joint_columns
 from feeddrive.path.planned import Planned
 from feeddrive.report.laws import Entry, LawsContents
 from feeddrive.report.report import Marked, Part, Picture, Report, Section, Verdict, facts, further, titled
@@ -300,10 +301,36 @@ def lead(contents: LawsContents) -> list[str]:
                 "program."
             )
         )
+    results += _tip_sentences(best, contents.planned)
     if contents.planned is not None:
         cycle = Quantity(contents.planned.cycle_time, "s", form="SI")
         results.append(Text(f"The program takes {cycle}. {_limited(contents.planned)}"))
     return results
+
+
+def _tip_sentences(part: PartRun, planned: Planned | None) -> list[str]:
+    """Return the sentences on a run of five axes: direction of the tool, and the joint that adds most."""
+    tip = part.tip
+    if tip is None:
+        return []
+    most = max(tip.joints, key=lambda joint: joint.share)
+    results: list[str] = [
+        Text(
+            f"The tool is off the direction that belongs to its place by {_angle(tip.rms(tip.direction))} RMS, "
+            f"{_angle(tip.peak(tip.direction))} at most. Joint {most.letter} makes {Quantity(most.share, 'share'):3} "
+            "of the mean square of the contour error."
+        )
+    ]
+    if planned is not None and planned.tip is not None:
+        deviation = Quantity(planned.tip.deviation, "m", form="4", stays=True)
+        results.append(
+            Text(f"All this is against the planned path, whose tip is proven to be within {deviation} of the program.")
+        )
+    return results
+
+
+def _angle(size: float) -> Quantity:
+    return Quantity(size, "rad", form="3 urad", stays=True)
 
 
 def _contour(part: PartRun) -> str:
@@ -330,7 +357,10 @@ def _limited(planned: Planned) -> str:
 def tables(contents: LawsContents) -> list[Part]:
     """Tabulate the results of each law over the program, and the positions with the largest errors."""
     runs = ran(contents)
-    return [_laws(runs), _places(runs)] if runs else []
+    if not runs:
+        return []
+    tips = [(entry, part.tip) for entry, part in runs if part.tip is not None]
+    return [_laws(runs), *([_joints(tips)] if tips else []), _places(runs)]
 
 
 def details(contents: LawsContents) -> list[Part]:
@@ -339,6 +369,8 @@ def details(contents: LawsContents) -> list[Part]:
     if not runs:
         return []
     shown: list[Part] = [_axes(runs), _motors(runs)]
+    tips = [(entry, part.tip) for entry, part in runs if part.tip is not None]
+    shown += [_tips(tips)] if tips else []
     spindles = [(entry, part.load.spindle) for entry, part in runs if part.load.spindle is not None]
     if spindles:
         rows = [
@@ -371,6 +403,8 @@ def laws_table(title: str, parts: Mapping[str, PartRun]) -> Table:
         Column("cut", "N"),
         Column("energy", "J"),
     ]
+    of_tip = any(part.tip is not None for part in parts.values())
+    columns[4:4] = [Column("tool direction", "rad", "3 urad")] if of_tip else []
     rows: list[list[Cell]] = []
     for name, part in parts.items():
         worst = next(iter(part.worst(1)), None)
@@ -381,6 +415,7 @@ def laws_table(title: str, parts: Mapping[str, PartRun]) -> Table:
                 contour.rms,
                 contour.within(),
                 contour.largest,
+                *([None if part.tip is None else part.tip.peak(part.tip.direction)] if of_tip else []),
                 line,
                 part.duty,
                 part.cutting_rms,
@@ -404,12 +439,15 @@ def _laws(runs: Sequence[tuple[Entry, PartRun]]) -> Marked:
     errors = [(part.contour.rms, part.contour.within(), part.contour.largest) for _, part in runs]
     cuts = any(part.cutting is not None for _, part in runs)
     columns += [Column("cutting force RMS", "N", "3")] if cuts else []
+    of_tip = any(part.tip is not None for _, part in runs)
+    columns += [Column("tool direction RMS", "rad", "3 urad"), Column("largest", "rad", "3 urad")] if of_tip else []
     rows: list[list[Cell]] = []
     for (entry, part), sizes in zip(runs, errors, strict=True):
         worst = next(iter(part.worst(1)), None)
         glitch = max((axis_errors.glitch for axis_errors in part.axes.values() if axis_errors.glitches), default=None)
-        row = [entry.name, *sizes, None if worst is None else worst.line, glitch, part.duty, part.load.energy()]
-        rows.append([*row, *([part.cutting_rms] if cuts else [])])
+        row: list[Cell] = [entry.name, *sizes, None if worst is None else worst.line, glitch]
+        row += [part.duty, part.load.energy(), *([part.cutting_rms] if cuts else [])]
+        rows.append([*row, *_direction(part.tip)] if of_tip else row)
     # only the contour errors have a best cell: effort and energy are what they cost
     best = [min(range(len(rows)), key=sizes.__getitem__) for sizes in zip(*errors, strict=True)]
     title = (
@@ -418,15 +456,66 @@ def _laws(runs: Sequence[tuple[Entry, PartRun]]) -> Marked:
         "and without [process] all that is moved at a feed. Effort: of the motor that needs the largest share. "
         "Energy: of the axes and the spindle."
     )
+    if of_tip:
+        title += (
+            " The tool is its tip, in the frame of the workpiece; its direction is compared with the one that belongs "
+            "to its place on the path."
+        )
     marks = [*best, *([None] * (len(columns) - 4))]
     return Marked(Table(title, columns, rows), marks if len(rows) > 1 else ())
+
+
+def _direction(tip: TipError | None) -> list[Cell]:
+    return [None, None] if tip is None else [tip.rms(tip.direction), tip.peak(tip.direction)]
+
+
+def _joints(tips: Sequence[tuple[Entry, TipError]]) -> Table:
+    rows = [
+        [entry.name if i == 0 else "", joint.letter, *joint_cells(joint)]
+        for entry, tip in tips
+        for i, joint in enumerate(tip.joints)
+    ]
+    title = (
+        "What each joint adds at the tip of the tool, on the path that counts. Error: actual less set position. At the "
+        "tip: what it moves there, of a rotary joint the error times the lever arm, the distance of the tip from its "
+        "axis (the largest is given). Share: of the mean square of the contour error; negative where the joint makes "
+        "up for another one."
+    )
+    return Table(title, [Column("law"), Column("joint"), *joint_columns()], rows)
+
+
+def _tips(tips: Sequence[tuple[Entry, TipError]]) -> Table:
+    columns = [
+        Column("law"),
+        Column("along the path RMS", "m", "3"),
+        Column("peak", "m", "3"),
+        Column("across RMS", "m", "3"),
+        Column("peak", "m", "3"),
+        Column("lag", "m", "3"),
+        Column("tool direction", "rad", "3 urad"),
+    ]
+    rows = [
+        [
+            entry.name,
+            tip.rms(tip.along),
+            tip.peak(tip.along),
+            tip.rms(tip.across),
+            tip.peak(tip.across),
+            tip.peak(tip.contour.lag),
+            tip.peak(tip.direction_now),
+        ]
+        for entry, tip in tips
+    ]
+    title = "The tip against its set position at the same instant, on the path that counts; lag: along the path."
+    return Table(title, columns, rows)
 
 
 def _axes(runs: Sequence[tuple[Entry, PartRun]]) -> Table:
     names = list(runs[0][1].axes)
     columns = [Column("law")]
     for axis in names:
-        columns += [Column(f"{axis} RMS", "m", "3"), Column("peak", "m", "3"), Column("in line")]
+        unit, form = ("rad", "3 urad") if runs[0][1].turns(axis) else ("m", "3")
+        columns += [Column(f"{axis} RMS", unit, form), Column("peak", unit, form), Column("in line")]
     rows = [[entry.name, *(cell for axis in names for cell in _axis(part, axis))] for entry, part in runs]
     title = "Following error of each axis over the whole program, and the line of its peak."
     return Table(title, columns, rows)
@@ -479,9 +568,9 @@ def _motors(runs: Sequence[tuple[Entry, PartRun]]) -> Table:
         [
             entry.name if i == 0 else "",
             axis,
-            load.rms,
+            Text(f"{part.force_of(axis, load.rms, '3')}") if part.turns(axis) else load.rms,
             load.of_continuous,
-            load.peak,
+            Text(f"{part.force_of(axis, load.peak, '3')}") if part.turns(axis) else load.peak,
             load.of_peak,
             load.work,
             load.drawn,
@@ -547,6 +636,7 @@ def pictures(contents: LawsContents) -> Iterator[Picture]:
             f"The path with the contour error of {part.name}, enlarged.",
             lambda part=part: plot.contour_on_path_chart(part.contour),
         )
+    yield from _tip_pictures(first)
     worst = next(iter(first.worst(1)), None)
     if worst is not None:
         yield Picture(
@@ -586,3 +676,25 @@ def pictures(contents: LawsContents) -> Iterator[Picture]:
             "Which limit is used most, over time.",
             lambda: plot.plan_causes_chart(planned),
         )
+
+
+def _tip_pictures(part: PartRun) -> Iterator[Picture]:
+    tip = part.tip
+    if tip is None:
+        return
+    yield Picture(
+        "tip",
+        f"Tip and direction of the tool with '{part.name}'",
+        "Across the path: the contour error. Along it: ahead of the set position at the same instant, or behind it. "
+        "Direction: against the one that belongs to the place of the tip on its path.",
+        "Error of the tip across and along its path, and of the direction of the tool, over time.",
+        lambda: plot.tip_error_chart(tip),
+    )
+    yield Picture(
+        "joints",
+        f"What each joint adds with '{part.name}'",
+        "Each joint's error, less the lag that all have in common, times what it moves at the tip, in the direction of "
+        "the contour error: the sum of all joints is the contour error. Below zero a joint makes up for another one.",
+        "Parts of the joints in the contour error over time.",
+        lambda: plot.tip_joints_chart(tip),
+    )

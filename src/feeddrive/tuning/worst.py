@@ -98,7 +98,8 @@ class BoxPlants:
 
     def named(self, corner: Corner) -> Text:
         """Return the name of a plant: that of the operating point, and how the plant differs from the model."""
-        return Text(f"{self.name}: {named(self._dimensions, corner)}")
+        apart = replace(corner, place=tuple(self.box.apart(self._dimensions, corner.place)))
+        return Text(f"{self.name}: {named(self._dimensions, apart)}")
 
 
 _PLANTS = Recent[BoxPlants](8)

@@ -16,7 +16,7 @@ from typing import Any
 
 from feeddrive import plot
 from feeddrive.certificate import check
-from feeddrive.certificate.box_proof import prove_over_box
+from feeddrive.certificate.box_proof import OUTSIDE, document, prove_over_box
 from feeddrive.certificate.certificate import Certificate
 from feeddrive.certificate.certify import PlantLike, certify_loop, point_plants
 from feeddrive.files.atomic_io import new_directory, read_whole, write_whole
@@ -42,10 +42,6 @@ from feeddrive.workflow.tune_sources import in_metres, loop_or_response
 
 FILE = "certificate.json"
 BOX_FILE = "box_proof.json"
-OUTSIDE_OF_BOX = (
-    "changes in time, saturation, friction other than its slope, rounding of signals, and what is no parameter of the "
-    "model, such as a further mode"
-)
 _BOX = {True: Judgment.BOX_PROVEN, False: Judgment.BOX_NOT_PROVEN, None: Judgment.BOX_UNDECIDED}
 
 
@@ -71,7 +67,8 @@ class CertifyRequest(Request):
     velocity: float = option("velocity of the axis at which it is proven", default=0.05, unit="m/s")
     box: str = option(
         "prove every plant of these tolerances instead, each constant in time: "
-        "stiffness=0.2,mass=0.3,dead_time=1sample (that is standard), identified, or none",
+        "stiffness=0.2,mass=0.3,dead_time=1sample (that is standard), identified, or none; box_proof.json holds the "
+        "proof, which feeddrive check checks, and box_check.py of the package with Python alone",
         default="none",
     )
     max_ms: float | None = option("with --box: the Ms that no plant may exceed", above=1.0, default=None)
@@ -118,7 +115,7 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Any]:
         loop = machine.loop(request.axis)
     box = Box.parse(request.box) if machine is None else machine.box(request.box, request.axis)
     if box is not None:
-        return _over_box(request, box, loop, progress)
+        return _over_box(request, box, loop, machine, progress)
     progress.step("plants")
     plants = _plants(request, loop)
     progress.step("certificate")
@@ -164,7 +161,9 @@ def certify(request: CertifyRequest, progress: Progress) -> Outcome[Any]:
     )
 
 
-def _over_box(request: CertifyRequest, box: Box, loop: Loop, progress: Progress) -> Outcome[Any]:
+def _over_box(
+    request: CertifyRequest, box: Box, loop: Loop, machine: MachineFile | None, progress: Progress
+) -> Outcome[Any]:
     """Prove the loop over a box of plants; write the result and a report.
 
     Raises ParameterError for a box by standard errors of a loop, which has none.
@@ -188,10 +187,13 @@ def _over_box(request: CertifyRequest, box: Box, loop: Loop, progress: Progress)
         if proof.proven
         else Text(f"{judgment.says}: {proof.reason}.")
     )
+    remarks = [Text(f"Not covered: {OUTSIDE}.")]
+    if proof.proven and proof.stated is None:
+        remarks.append(Text(f"{proof.cells} cells are too many for a file that feeddrive check can read."))
     outcome = Outcome(
         proof,
         [proof.table()],
-        [Text(f"Not covered: {OUTSIDE_OF_BOX}.")],
+        remarks,
         said,
         rotary=loop.axis.rotary,
         judgment=judgment,
@@ -201,7 +203,8 @@ def _over_box(request: CertifyRequest, box: Box, loop: Loop, progress: Progress)
         return outcome
     progress.step("report")
     with new_directory(request.out) as folder:
-        (folder / BOX_FILE).write_text(json.dumps(proof.record(), indent=1) + "\n", encoding="utf-8")
+        written = json.dumps(document(proof, {} if machine is None else source(machine, loop.name)))
+        (folder / BOX_FILE).write_text(written + "\n", encoding="utf-8")
         (folder / "report.html").write_text(html(outcome.report()), encoding="utf-8")
     out = Path(request.out)
     return replace(outcome, files={"Proof over the box": out / BOX_FILE, "Report": out / "report.html"})

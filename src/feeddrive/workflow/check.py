@@ -9,6 +9,7 @@ machine file, and the files of the export are written again.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from feeddrive.certificate import travel_check
+from feeddrive.certificate import box_check, box_proof, travel_check
 from feeddrive.certificate.certificate import control_of, matrices
 from feeddrive.certificate.certify import CLAIM, OUTSIDE, THEOREM, THEOREM_OF_TWO_RATES
 from feeddrive.certificate.check import MOST_BYTES, checked
@@ -48,7 +49,7 @@ _SHOWN = 12  # digits of a digest that identify a file for a reader
 class CheckRequest(Request):
     """The certificate to check, and the files that may belong to it."""
 
-    file: Path = argument("A certificate, or a proof along a travel (JSON)")
+    file: Path = argument("A certificate, or a proof along a travel or over a box (JSON)")
     machine: MachineLike | None = option("machine file of the certificate and of --export", short="-m", default=None)
     export: Path | None = option("the directory that `feeddrive export` wrote", default=None)
     source: tuple[Path, ...] = option(
@@ -82,13 +83,13 @@ def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
     if request.verified is not None and request.export is None:
         raise ParameterError("--verified is the verification of an export: give its directory as --export DIR")
     progress.step(f"checking {request.file}")
-    along_travel = _is_along_travel(request.file)
-    if along_travel and request.machine is not None:
+    other = _other_proof(request.file)
+    if other == ALONG_TRAVEL and request.machine is not None:
         raise ParameterError(
-            "--machine is compared with a certificate, and this is a proof along a travel: leave it out; the digests "
-            "of its machine files stand in the file"
+            f"--machine is compared with a certificate, and this is a {other}: leave it out; the digests of its "
+            "machine files stand in the file"
         )
-    lines, proven = (travel_check.checked if along_travel else checked)(str(request.file))
+    lines, proven = (checked if other is None else _OTHERS[other])(str(request.file))
     if request.machine is None:
         return Outcome(proven, lines, judgment=Judgment.PROVEN if proven else Judgment.NOT_PROVEN)
     machine = read_machine(request.machine)
@@ -112,10 +113,17 @@ def check(request: CheckRequest, progress: Progress) -> Outcome[bool]:
     return Outcome(True, [*lines, table], remarks, verdict, judgment=Judgment.TOGETHER)
 
 
-def _is_along_travel(file: Path) -> bool:
-    """Return True for a file of `feeddrive travel --certify`, which another checker checks."""
+# proofs that another checker checks, by what they are
+ALONG_TRAVEL, OVER_BOX = "proof along a travel", "proof over a box"
+_OTHERS = {ALONG_TRAVEL: travel_check.checked, OVER_BOX: box_check.checked}
+_FORMATS = {travel_check.FORMAT: ALONG_TRAVEL, box_check.FORMAT: OVER_BOX}
+
+
+def _other_proof(file: Path) -> str | None:
+    """Return what a file of `feeddrive travel --certify` or `feeddrive certify --box` is; None for a certificate."""
     with file.open("rb") as opened:
-        return travel_check.FORMAT.encode() in opened.read(_HEAD)
+        head = opened.read(_HEAD)
+    return next((name for form, name in _FORMATS.items() if form.encode() in head), None)
 
 
 def _document(file: Path) -> Mapping[str, Any]:
@@ -145,7 +153,8 @@ def _links(
     """Yield the links between the given files; those of a certificate that is not proven are left out."""
     name, digest = Path(machine.file.name).name, digest_of(machine.file.text)
     if document is not None:
-        yield from _of_certificate(f"{request.file.name}, {name}", document, machine, digest)
+        of_file = _of_box_proof if document["format"] == box_check.FORMAT else _of_certificate
+        yield from of_file(f"{request.file.name}, {name}", document, machine, digest)
     if request.export is not None:
         yield from _of_export(request.export, name, digest, document)
         if request.verified is not None:
@@ -155,13 +164,7 @@ def _links(
 
 def _of_certificate(files: str, document: Mapping[str, Any], machine: MachineFile, digest: str) -> Iterator[Link]:
     """Yield the links of a certificate: the digest that it names, its control, and its plants."""
-    stated = document["machine"].get("sha256", "")
-    if not stated:
-        yield Link(files, False, "the certificate names no machine file: certify the file itself")
-    elif stated != digest:
-        yield Link(files, False, _another(f"the machine file {document['machine'].get('file', '')}", stated, digest))
-    else:
-        yield Link(files, True, f"SHA-256 {digest[:_SHOWN]}...")
+    yield _of_machine(files, document, digest)
     try:
         axis = machine.named(document["machine"].get("axis") or None)
         differing = [*_other_control(document, machine, axis)]
@@ -179,6 +182,57 @@ def _of_certificate(files: str, document: Mapping[str, Any], machine: MachineFil
         yield Link(f"{files}: plants", True, f"{', '.join(own)}: the model of axis {axis}, computed again{further}")
     else:
         yield Link(f"{files}: plants", False, f"{', '.join(other)}: not the model of axis {axis} of the machine file")
+
+
+def _of_machine(files: str, document: Mapping[str, Any], digest: str) -> Link:
+    """Return the link between a certificate or proof and the machine file that it names."""
+    stated = document["machine"].get("sha256", "")
+    if not stated:
+        return Link(files, False, "the certificate names no machine file: certify the file itself")
+    if stated != digest:
+        return Link(files, False, _another(f"the machine file {document['machine'].get('file', '')}", stated, digest))
+    return Link(files, True, f"SHA-256 {digest[:_SHOWN]}...")
+
+
+def _of_box_proof(files: str, document: Mapping[str, Any], machine: MachineFile, digest: str) -> Iterator[Link]:
+    """Yield the links of a proof over a box: the digest that it names, its control, and its box of plants."""
+    yield _of_machine(files, document, digest)
+    try:
+        axis = machine.named(document["machine"].get("axis") or None)
+        loop, box = machine.loops[axis], machine.box(document["box"], axis)
+        if box is None:
+            raise ParameterError(f"box = {document['box']} must be a box of plants")
+        velocity = float(document["velocity_m_s"])
+        control = deployed(loop.control, float(loop.sample_time), document["arithmetic"], velocity).model
+        if not isinstance(control, StateSpace):
+            raise ParameterError("the law of the machine file has two rates")
+        again = box_proof.stated(loop, box.upright(), control)
+    except FeeddriveError as error:
+        yield Link(f"{files}: control and plants", False, f"cannot be computed again: {error}")
+        return
+    for what, names in (("control", ("control", "sample_time_s")), ("plants", ("plant", "uncertain", "late_samples"))):
+        wrong = [name for name in names if not _alike(document[name], again[name])]
+        finding = f"computed again, and another one: {', '.join(wrong)}" if wrong else f"axis {axis}, computed again"
+        yield Link(f"{files}: {what}", not wrong, finding)
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Return True if two values of JSON are equal, up to the rounding of another version of numpy."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_alike(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        numbers = [np.array(part) for part in (one, other)]
+        if all(part.dtype.kind in "if" for part in numbers):
+            a, b = numbers
+            if a.shape != b.shape:
+                return False
+            # entry by entry: next to gains in N/m a pole of the control is small
+            slack = _ROUNDING * np.abs(b) + np.finfo(float).eps * np.max(np.abs(b), initial=0.0)
+            return bool(np.all(np.abs(a - b) <= slack))
+        return len(one) == len(other) and all(map(_alike, one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=_ROUNDING)
+    return bool(one == other)
 
 
 def _other_control(document: Mapping[str, Any], machine: MachineFile, axis: str) -> Iterator[str]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -36,6 +38,7 @@ from feeddrive.language.quantity import Quantity, span
 from feeddrive.language.table import Table
 from feeddrive.language.text import Text, joined
 from feeddrive.loop.axis import Axis
+from feeddrive.loop.box import can_spread
 from feeddrive.loop.frequency_response import FRF
 from feeddrive.report.report import Picture, Remarks, Report, Section, Verdict, facts, further
 from feeddrive.workflow.channels import ALL, check_response, units_first
@@ -449,8 +452,19 @@ def machine_text(
             error = Quantity(estimate.error, estimate.unit, form="2 SI")
             edit.comment(edit.set(key, float(value), estimate.unit), f"standard error {error}")
             errors[".".join(map(str, key[2:]))] = float(estimate.error)
-    with_standard_errors(edit, axis, errors)
+    with_standard_errors(edit, axis, errors, _correlations(fit, errors))
     return edit.text
+
+
+def _correlations(fit: PlantFit, errors: Mapping[str, float]) -> dict[tuple[str, str], float]:
+    """Return the correlations of fitted masses and stiffnesses, of which a box of plants is made, by their paths."""
+    axis, found = Axis(plant=fit.blocks()[0]), dict[tuple[str, str], float]()
+    paths = [f"plant.{estimate.name}" for estimate in fit.estimates]
+    for i, j in combinations(range(len(paths)), 2):
+        pair, size = (paths[i], paths[j]), math.sqrt(fit.covariance[i, i] * fit.covariance[j, j])
+        if size > 0.0 and all(path in errors and can_spread(axis, path) for path in pair):
+            found[pair] = float(np.clip(fit.covariance[i, j] / size, -1.0, 1.0))
+    return found
 
 
 def _actuator(edit: TomlEdit, axis: str, before: Actuator, after: Actuator) -> None:

@@ -276,6 +276,7 @@ def _offsets(
         raise ParameterError(
             "--offsets learns a force over time and no parameters: leave out --prefilter and --columns"
         )
+    job.require_axes("learn --offsets")
     machine = file.machine()
     counted = None if job.program is None else job.program.counted
     plan = planned_rows(references, float(machine.sample_time))

@@ -6,6 +6,7 @@ The output files are written by `files/part_program.py`.
 from __future__ import annotations
 
 import contextlib
+import math
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,6 +14,8 @@ from functools import partial
 from math import degrees, isfinite, radians
 from pathlib import Path
 from time import monotonic
+
+import numpy as np
 
 from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.files.atomic_io import new_directory
@@ -28,9 +31,10 @@ from feeddrive.path.geometry.weights import ROTARY
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.limits import LETTERS, MachineLimits
 from feeddrive.path.planned import Planned, Take, planned_of
+from feeddrive.path.program.aiming import Turning
 from feeddrive.path.program.budget import LONGEST, MOST_CPU, Budget, Spending
 from feeddrive.path.program.dialects import DIALECTS, DialectName
-from feeddrive.path.program.moves import Begin, Ignored, Move, PathMode
+from feeddrive.path.program.moves import ORIENTATIONS, Begin, Ignored, Move, Orientation, PathMode
 from feeddrive.path.program.reading import FrontEnd, read_program
 from feeddrive.path.purpose import PURPOSES, read_dynamics, settings, with_tolerance
 from feeddrive.path.schedule.override import read_steps
@@ -92,6 +96,12 @@ class PlanRequest(Request):
         unit="rad",
         entered="deg",
         above=0.0,
+    )
+    orientation: str = option(
+        "how the tool turns in a block between two directions, while its tip is moved and the program does not say: "
+        "the rotary axes move straight, or it turns in the plane of both, evenly or with straight components",
+        default="axes",
+        options=ORIENTATIONS,
     )
     override: str | None = option(
         "steps of the feed in % from these times on, in s: 1:50, 2:0, 3.5:120; 0 holds; 100 before the first",
@@ -302,6 +312,7 @@ def _moves(
         kinematics=kinematics,
         start=None if request.start is None else _start(request.start),
         from_line=request.from_line or 0,
+        turning=_turning(request.orientation, limits, tolerance),
     )
     of = _lines_of(program)
     counted = _counted(moves, counts)
@@ -324,6 +335,14 @@ def _moves(
                 progress.remark(f"line {farthest:,} of {of:,}, {count:,} moves")
 
 
+def _turning(orientation: str, limits: MachineLimits, tolerance: float | None) -> Turning:
+    """Return how the tool turns where the program does not say; half of the tolerance of angles is for the pole."""
+    how: Orientation = orientation  # type: ignore[assignment]
+    least = float(np.min(limits.angle_tolerances, initial=math.inf))
+    return Turning(how, _AT_POLE * least if math.isfinite(least) else 0.0, tolerance is not None)
+
+
+_AT_POLE = 0.5  # of the tolerance of angles: cone at the pole, in which the tool may be off its direction
 _NAMED = "_depth=3, _feed=40"
 
 

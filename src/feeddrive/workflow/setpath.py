@@ -204,6 +204,7 @@ def _part(request: SetpathRequest, reserve: Sequence[float]) -> Part:
     if isinstance(source, MachineFile):
         raise ParameterError(f"--method {request.method} is for a job, and {called(source)} is a machine: give a job")
     job = read_job(source)
+    job.require_axes("setpath")
     if reserve:
         if job.program is None:
             raise ParameterError(

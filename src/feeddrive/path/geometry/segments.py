@@ -17,6 +17,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from math import sqrt
 from typing import NamedTuple
 
@@ -27,6 +29,7 @@ from feeddrive.language.errors import ProgramError
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Records, rows_for, zeros
 from feeddrive.path.geometry.weights import ANGLE_TOLERANCE, ROTARY, Weights
+from feeddrive.path.kinematics import UnreachableError
 from feeddrive.path.motion import (
     ARC,
     LINE,
@@ -64,6 +67,7 @@ from feeddrive.path.program.moves import (
     ToolChange,
     ToolPoint,
 )
+from feeddrive.path.turning import in_plane
 
 _PARTS = 4  # parts of each half of a blend, whose hulls are computed separately
 _SEARCH = 30
@@ -377,7 +381,8 @@ class Chain(NamedTuple):
     weights    the length by which one m or rad of each axis was multiplied, m, shape (N,); None: 1 (no rotary axis)
     tip        the tool whose tip the segments move, and whose speed is their feed; None: they move the axes
     turns      True if the tip stands, so that the feed is that of the angles, rad/s
-    chords     largest distance of chords from the splines for which they stand, m
+    chords     largest distance of chords from the splines for which they stand, next to each joint, m
+    off        largest angle of the tool from its programmed direction, next to each joint, rad
     """
 
     segments: Pieces
@@ -387,11 +392,16 @@ class Chain(NamedTuple):
     weights: np.ndarray | None = None
     tip: TipColumns | None = None
     turns: bool = False
-    chords: float = 0.0
+    chords: Sequence[float] = ()
+    off: Sequence[float] = ()
 
 
 class _Segment(NamedTuple):
-    """A row of `Pieces`, with path mode and tolerance (m) of its joints; a line has no shape, only its displacement."""
+    """A row of `Pieces`, with path mode and tolerance (m) of its joints; a line has no shape, only its displacement.
+
+    chord  distance from the spline for which it stands, m
+    off    angle of the tool from its programmed direction, rad
+    """
 
     kind: int
     length: float
@@ -402,6 +412,8 @@ class _Segment(NamedTuple):
     mode: str
     tolerance: float
     shape: np.ndarray | None = None
+    chord: float = 0.0
+    off: float = 0.0
 
 
 class _Collected:
@@ -414,7 +426,7 @@ class _Collected:
         """Return the collected segments as a chain; unless it `ends`, the last one is retained for the next chain."""
         # the joint after the last segment depends on the next one
         count = len(self.rows) - (0 if ends else 1)
-        kind, length, start, way, feed, line, modes, tolerances, _ = zip(*self.rows, strict=True)
+        kind, length, start, way, feed, line, modes, tolerances, _, *errors = zip(*self.rows, strict=True)
         origin = np.array(start[:count])
         shape = line_shapes(np.array(way[:count]))
         for k, row in enumerate(self.rows[:count]):
@@ -427,8 +439,11 @@ class _Collected:
         stricter = tolerance[1:] < tolerance[:-1]
         joints = [modes[k + 1] if k < len(stricter) and stricter[k] else modes[k] for k in range(count)]
         tolerance[:-1] = np.minimum(tolerance[:-1], tolerance[1:])
+        largest = np.array(errors)
+        largest[:, :-1] = np.maximum(largest[:, :-1], largest[:, 1:])
+        chords, off = largest[:, :count].tolist()
         del self.rows[:count]
-        return Chain(pieces, tolerance[:count], ends, joints, weights)
+        return Chain(pieces, tolerance[:count], ends, joints, weights, chords=chords, off=off)
 
 
 class _Feeds:
@@ -486,10 +501,8 @@ def chains(
     tip: TipColumns | None = None
     still = False  # True if the tip stands in the moves collected, while angles change at the feed
 
-    chords = 0.0
-
     def collect(ends: bool) -> Chain:
-        return collected.chain(ends, weights.values)._replace(tip=tip, turns=still, chords=chords)
+        return collected.chain(ends, weights.values)._replace(tip=tip, turns=still)
 
     for move in moves:
         if isinstance(move, Going):
@@ -509,10 +522,14 @@ def chains(
             stops = mode == "exact_stop"
             if not collected.rows:
                 weights.begin()
-            tolerance = weights.tolerance_of(turns)
-            if isinstance(move, Spline):
-                chords = max(chords, _CHORDS * tolerance)
-            for segment in _segments(move, columns, weights.values, feeds, mode, tolerance):
+            tolerance = weights.tolerance_of(turns, move.off)
+            if isinstance(move, Straight) and move.orientation != "axes" and turns and tip is not None:
+                segments = _turning(move, columns, weights, feeds, mode, tip)
+            else:
+                segments = _segments(move, columns, weights.values, feeds, mode, tolerance)
+            for segment in segments:
+                if move.off > segment.off:
+                    segment = segment._replace(off=move.off)
                 if spending:
                     spending.move(move.source, segment.length / segment.speed, "F")
                 collected.rows.append(segment)
@@ -553,10 +570,10 @@ def chains(
 
 def _only_turns(move: Going) -> bool:
     """Return True for a feed that turns axes and leaves all others where they are."""
-    if not isinstance(move, Straight) or move.traverse:
+    if isinstance(move, Arc) or (isinstance(move, Straight) and move.traverse):
         return False
     # a change to the tip of the tool and back rounds positions
-    same = [abs(a - b) <= _STANDS for a, b in zip(move.start, move.end, strict=True)]
+    same = [all(abs(x - start) <= _STANDS for x in others) for start, *others in _coordinates(move)]
     return all(same[axis] for axes in _COUNTED[:2] for axis in axes) and not all(same)
 
 
@@ -578,6 +595,38 @@ def _segments(
         yield _Segment(ARC, length, start, way, feeds.speed(move, length), number, mode, tolerance, shape)
     else:
         yield from _spline(move, columns, weights, feeds, mode, tolerance)
+
+
+def _turning(
+    move: Straight, columns: Sequence[int], weights: Weights, feeds: _Feeds, mode: str, tip: TipColumns
+) -> Iterator[_Segment]:
+    """Yield a straight move of the tip in which the tool turns in a plane, as lines on which the joints move straight:
+    within a tenth of the tolerance of the direction.
+    """
+    kinematics, letters = tip.kinematics, tip.kinematics.rotary_letters
+    places = [_LETTERS.index(letter) for letter in letters]
+    begin, end = ([point[place] for place in places] for point in (move.start, move.end))
+    if not weights.angle:
+        reason = (
+            "the tool turns in a plane within a tolerance only, and here none is stated: state one (G64 P, "
+            "--tolerance), or turn it by axes"
+        )
+        raise _refused(move.source, reason)
+    try:
+        parts = in_plane(kinematics, begin, end, move.orientation, _CHORDS * weights.angle)
+    except UnreachableError as error:
+        raise _refused(move.source, str(error)) from None
+    # directions at both ends that are off move those between by more
+    off = parts.off + move.off / math.cos(0.5 * min(parts.angle, math.pi))
+    tolerance = weights.tolerance_of(True, off)
+    start, way = np.array(move.start), np.array(move.end) - np.array(move.start)
+    points = start + parts.share[:, None] * way
+    points[1:-1, places] = parts.rotary.T
+    points[-1] = move.end
+    for here, there in pairwise(points.tolist()):
+        part = replace(move, start=tuple(here), end=tuple(there))
+        for segment in _segments(part, columns, weights.values, feeds, mode, tolerance):
+            yield segment._replace(off=off)
 
 
 def _spline(
@@ -608,7 +657,7 @@ def _spline(
             if length > 0.0:
                 begin = [*map(sum, zip(start, here.tolist(), strict=True))]
                 # the deviation of the chords is subtracted from the tolerance of the joints
-                yield _Segment(LINE, length, begin, way, speed, number, mode, tolerance - near)
+                yield _Segment(LINE, length, begin, way, speed, number, mode, tolerance - near, chord=near)
         elif whole > 0.0:
             for of, into in zip(shape, piece, strict=True):
                 part_of.python(of, k / count, 1.0 / count, into)
@@ -642,11 +691,16 @@ def _at(curve: _Bezier, x: float) -> np.ndarray:
 
 def _counted(move: Going) -> tuple[tuple[int, ...], bool]:
     """Return the axes to which the feed refers, and True if other axes move as well."""
-    moved = [move.start[axis] != move.end[axis] for axis in range(9)]
-    if not isinstance(move, Straight):
+    moved = [any(x != start for x in others) for start, *others in _coordinates(move)]
+    if isinstance(move, Arc):
         moved[:3] = True, True, True
     first = next((axes for axes in _COUNTED if any(moved[axis] for axis in axes)), _COUNTED[0])
     return first, any(moved[axis] for axis in range(9) if axis not in first)
+
+
+def _coordinates(move: Going) -> Iterator[tuple[float, ...]]:
+    """Yield the coordinates of each axis at the start, the control points of a spline, and the end of a move."""
+    return zip(move.start, *(move.points if isinstance(move, Spline) else ()), move.end, strict=True)
 
 
 def _polygon(points: np.ndarray) -> float:

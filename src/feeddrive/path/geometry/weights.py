@@ -70,8 +70,21 @@ class Weights:
         # the first move that turns reduces the tolerance of the run, if the weights are bounded
         return self._suit and (self._turned or self._bound >= self._tolerance * (1.0 - _EQUAL))
 
-    def tolerance_of(self, turns: bool) -> float:
-        """Return the tolerance of the next move in weighted coordinates, m; `turns` as in `fit`."""
+    def tolerance_of(self, turns: bool, off: float = 0.0) -> float:
+        """Return the tolerance of the next move in weighted coordinates, m; `turns` as in `fit`.
+
+        off  part of the tolerance of the angles that is used up, rad
+        """
         self._turned = self._turned or turns
         # an axis that does not turn in the whole run deviates by nothing
-        return min(self._tolerance, self._bound) if self._turned else self._tolerance
+        if not self._turned:
+            return self._tolerance
+        if not off:
+            return min(self._tolerance, self._bound)
+        assert self.values is not None
+        return max(0.0, min(self._tolerance, float(np.min((self._angles - off) * self.values))))
+
+    @property
+    def angle(self) -> float:
+        """The smallest tolerance of a rotary axis, rad, where a deviation is allowed; otherwise 0."""
+        return float(np.min(self._angles)) if self._tolerance > 0.0 else 0.0

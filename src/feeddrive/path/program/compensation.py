@@ -8,6 +8,7 @@ The center keeps the distance of the radius r to the contour, on its left (G41) 
     outer corner       an arc of radius r about the corner; at rapid traverse a line
     inner corner       the intersection of the shifted curves, which must lie on both of them
     angle below 0.05   no corner: the move ends at r beside its end
+    G451               an outer corner of two lines is their intersection, up to `SHARPEST`
     reversal           an inner corner if an arc behind or before it opens towards the tool, otherwise an outer one
 
 Each move waits until the next one is known, since an inner corner shortens it.  Commands between two moves wait with
@@ -27,6 +28,9 @@ from feeddrive.path.program.moves import Command, sweep
 # as in LinuxCNC; at most 0.00125 r are cut off at such a corner, or left
 SMALLEST_CORNER = 0.05
 """The angle of a corner, rad, below which neither an arc is inserted nor an intersection taken."""
+# MD20210 $MC_CUTCOM_CORNER_LIMIT as delivered
+SHARPEST = math.radians(100.0)
+"""The largest change of direction at which G451 goes to the intersection, rad; a sharper corner has an arc."""
 _ROUNDING = 1e-9  # of the size of a curve: a point this far beyond its end is its end
 
 Pair = tuple[float, float]
@@ -112,13 +116,29 @@ def _meetings(a: Curve, b: Curve) -> Iterator[Pair]:
     yield x - half * ux, y - half * uy
 
 
+class Corners(NamedTuple):
+    """How a language enters a contour and goes around its outer corners.
+
+    square  True for a straight lead-in of any length that ends beside the start of the next move (NORM); otherwise it
+            ends beside its own end, and the corner behind it is one of the contour
+    sharp   True for outer corners at the intersection of shifted lines (G451), up to `SHARPEST`; otherwise by an arc
+    """
+
+    square: bool = False
+    sharp: bool = False
+
+
 class _Move(NamedTuple):
-    """A move that waits for the next one: its command, and its programmed and its shifted curve."""
+    """A move that waits for the next one: its command, and its programmed and its shifted curve.
+
+    lead_in  True if it leads to the contour, so that no corner of the contour is behind it
+    """
 
     command: Command
     target: list[float]
     programmed: Curve
     shifted: Curve
+    lead_in: bool = False
 
 
 class Compensation:
@@ -128,6 +148,7 @@ class Compensation:
     plane   first and second axis of the plane, and the normal axis
     line    function that returns the line of the present block
     write   function that takes the finished commands
+    corners how the contour is entered, and its corners
     """
 
     def __init__(
@@ -138,7 +159,9 @@ class Compensation:
         position: list[float],
         line: Callable[[], Line],
         write: Callable[[Command], None],
+        corners: Corners | None = None,
     ) -> None:
+        self.corners = corners or Corners()
         self._radius, self._left = radius, radius if left else -radius
         self._plane, self._line, self._write = plane, line, write
         self._place = self._pair(position)  # the center of the tool, where the waiting move begins
@@ -177,17 +200,26 @@ class Compensation:
             self._across(command, target)
             return
         shifted = self._shifted(programmed)
-        if self._waiting is None:
-            shifted = self._lead_in(programmed, shifted)
+        waiting, square = self._waiting, self.corners.square
+        if waiting is None:
+            if square and center is not None:
+                raise BlockError("the move behind G41 or G42 is straight: write G0 or G1 before this arc", "G")
+            shifted = shifted if square else self._lead_in(programmed, shifted)
+        elif waiting.lead_in:
+            self._release(shifted.start)
         else:
-            shifted = self._corner(command, target, self._waiting, programmed, shifted)
-        self._waiting = _Move(command, list(target), programmed, shifted)
+            shifted = self._corner(command, target, waiting, programmed, shifted)
+        self._waiting = _Move(command, list(target), programmed, shifted, square and waiting is None)
         self._target = list(target)
 
     def _across(self, command: Command, target: list[float]) -> None:
         """Take a move without motion in the plane, at the end of the waiting move."""
         if self._waiting is None:
-            raise self._too_short()
+            if not self.corners.square:
+                raise self._too_short()
+            self._write(command._replace(values=tuple(self._at(target, self._place))))
+            self._target = list(target)
+            return
         # its coordinates in the plane are known when those of the waiting move are
         self._behind.append(command._replace(values=tuple(target)))
         self._target = list(target)
@@ -245,10 +277,22 @@ class Compensation:
             self._release(last.shifted.end)
             return shifted._replace(start=last.shifted.end)
         if not inner:
+            if self.corners.sharp and abs(turn) <= SHARPEST:
+                return self._sharp(last, shifted)
             self._release(last.shifted.end)
             self._round(command.name, corner, shifted.start, target)
             return shifted
         meeting = self._meeting(last.shifted, shifted)
+        self._release(meeting)
+        return shifted._replace(start=meeting)
+
+    def _sharp(self, last: _Move, shifted: Curve) -> Curve:
+        """Write the waiting move up to the intersection of both shifted lines beyond the corner (G451)."""
+        if last.shifted.center is not None or shifted.center is not None:
+            raise BlockError(
+                "how G451 lengthens an arc beyond an outer corner is not documented: write G450 before this corner", "G"
+            )
+        meeting = next(_meetings(last.shifted, shifted))
         self._release(meeting)
         return shifted._replace(start=meeting)
 

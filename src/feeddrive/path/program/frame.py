@@ -19,7 +19,7 @@ from feeddrive.path.program import moves
 from feeddrive.path.program.blocks import AXES, BlockError, Line, located
 from feeddrive.path.program.budget import MOST_COMMANDS
 from feeddrive.path.program.motion import PLANES
-from feeddrive.path.program.moves import Arc, Command, Move, Point, sweep
+from feeddrive.path.program.moves import Arc, Command, Move, Orientation, Point, Spline, sweep
 from feeddrive.path.program.state import LINEAR, rotated
 
 Travel = Mapping[str, tuple[float, float] | None]
@@ -98,6 +98,10 @@ class Frame:
         self._kinematics = kinematics
         self._tool_point: Kinematics | None = None
         self._rotary: list[int] = []  # of the kinematics in use
+        self._orientation: Orientation = "axes"
+        self._off = self._off_here = (
+            0.0  # angle of the tool from its programmed direction: at the next points, and here
+        )
         self._travel = None if axes is None else _travel_by_axis(axes)
         self._present = None if axes is None else [letter in {name.lower() for name in axes} for letter in AXES]
         self._here: Point = _ZERO if start is None else self.place(start)
@@ -130,6 +134,8 @@ class Frame:
             "SET_XY_ROTATION": self._set_rotation,
             "USE_TOOL_LENGTH_OFFSET": self._set_tool_offset,
             "TOOL_POINT": self._set_tool_point,
+            "ORIENTATION": self._turn_by,
+            "TOOL_OFF_AXIS": self._turn_off,
             "SET_SPINDLE_SPEED": self._spindle,
             "START_SPINDLE_CLOCKWISE": self._spindle,
             "START_SPINDLE_COUNTERCLOCKWISE": self._spindle,
@@ -251,7 +257,7 @@ class Frame:
                     AXES[axis].upper(),
                 )
         # many blocks turn by little: theirs need no look
-        if traverse or turn < SWING:
+        if traverse or turn < SWING or self._orientation != "axes":
             return
         rotary = np.array([[start[axis], end[axis]] for axis in self._rotary])
         if len(leaves_arc(self._tool_point, rotary, SWING)):
@@ -263,6 +269,19 @@ class Frame:
                 "blocks between",
                 AXES[letter].upper(),
             )
+
+    def _check_curve(self, move: Arc | Spline) -> None:
+        """Refuse a curve of the tip in which the tool turns in a plane."""
+        if self._orientation == "axes":
+            return
+        through = move.points if isinstance(move, Spline) else ()
+        for axis in self._rotary:
+            if any(point[axis] != move.start[axis] for point in (*through, move.end)):
+                raise BlockError(
+                    f"axis {AXES[axis].upper()} turns along a curve, where the tool turns by axes only, not by "
+                    f"{self._orientation}: write G1 in short blocks, or G49 and then the tool point by axes",
+                    AXES[axis].upper(),
+                )
 
     def _check_travel(self, axis: int, value: float) -> None:
         travel = self._travel[axis] if self._travel else None
@@ -295,7 +314,9 @@ class Frame:
         if self._tool_point:
             self._check_turn(start, end, traverse)
         self._here = end
-        return moves.Straight(command.line, start, end, traverse)
+        off = max(self._off, self._off_here)
+        self._off_here = self._off
+        return moves.Straight(command.line, start, end, traverse, "axes" if traverse else self._orientation, off)
 
     def _arc(self, command: Command) -> Move | list[Move]:
         numbers = [float(value) for value in command.values]
@@ -317,8 +338,9 @@ class Frame:
                 first, second, across = PLANES[190] if across == 1 else PLANES[180]
             # the normal, seen from which the arc turns, may have become that of the other side
             turns *= c + s if self._plane[2] == 0 else c - s
-        arc = Arc(command.line, start, end, (first, second, across), (center[first], center[second]), turns)
+        arc = Arc(command.line, start, end, (first, second, across), (center[first], center[second]), turns, self._off)
         self._check(start, end)
+        self._check_curve(arc)
         if self._travel is not None and not self._tool_point:
             self._check_extremes(arc)
         self._here = end
@@ -398,7 +420,8 @@ class Frame:
     def _through(self, line: Line, points: list[Point]) -> Move:
         """Return the Bezier curve from here with these control points; refuse one that leaves the travel."""
         start = self._here
-        spline = moves.Spline(line, start, points[-1], tuple(points[:-1]))
+        spline = Spline(line, start, points[-1], tuple(points[:-1]), self._off)
+        self._check_curve(spline)
         # control points lie beside the curve: they may lie outside the travel
         for point in points:
             self._check(start, point, travel=point is points[-1])
@@ -512,9 +535,16 @@ class Frame:
         here = convert(self._here[:3], [self._here[axis] for axis in self._rotary])
         self._here = (*(float(x) for x in here), *self._here[3:])
         self._tool_point = kinematics if on else None
+        self._orientation, self._off, self._off_here = "axes", 0.0, 0.0
         self._tool_offset = _ZERO
         self._shift = None
         return moves.ToolPoint(command.line, self._tool_point)
+
+    def _turn_by(self, command: Command) -> None:
+        self._orientation = cast("Orientation", command.values[0])
+
+    def _turn_off(self, command: Command) -> None:
+        self._off = math.radians(float(command.values[0]))
 
     def _offsets(self, line: Line) -> Move:
         self._shift = None

@@ -7,11 +7,7 @@ described for the XY plane; in G18 and G19 the axis normal to the plane replaces
 import math
 from collections.abc import Callable
 
-import numpy as np
-
 from feeddrive.language.quantity import Quantity
-from feeddrive.path.kinematics import UnreachableError
-from feeddrive.path.orientation import choose_rotary
 from feeddrive.path.program.blocks import AXES, Block, BlockError, name_of
 from feeddrive.path.program.moves import MOST_TURNS, center_of_radius, check_radii, sweep
 from feeddrive.path.program.nurbs import HIGHEST_ORDER, Nurbs
@@ -286,10 +282,7 @@ class Motion:
         self._straight(block, code, target)
 
     def _aim(self, block: Block, target: list[float], moved: list[int]) -> None:
-        """Turn the rotary axes of a target so that the tool has the direction I J K, from its tip to the spindle.
-
-        They take the nearest of all positions within the travel; at the pole the free one stays.
-        """
+        """Let the tool have the direction I J K, from its tip to the spindle, at a target."""
         kinematics = self._state.tool_point
         assert kinematics is not None
         axes = [AXIS_OF[letter.lower()] for letter in kinematics.rotary_letters]
@@ -302,21 +295,7 @@ class Motion:
         words = [block.take(letter) for letter in _CENTER]
         if words == [None, None, None]:
             return
-        vector = [word or 0.0 for word in words]
-        length = math.hypot(*vector)
-        if length == 0.0:
-            raise BlockError("the direction of the tool I J K has no length: write I0 J0 K1 for an upright tool", "I")
-        start = [math.radians(target[axis]) for axis in axes]
-        direction = np.array(vector)[:, None] / length
-        try:
-            rotary = choose_rotary(kinematics, direction, start=start).rotary[:, 0]
-        except UnreachableError as error:
-            raise BlockError(str(error), "I") from None
-        if kinematics.rotary(direction).at_pole[0]:
-            free = kinematics.rotary(direction).free
-            rotary[free] = start[free]
-        for axis, angle in zip(axes, rotary.tolist(), strict=True):
-            target[axis] = math.degrees(angle)
+        self._state.aim(target, [word or 0.0 for word in words], "I J K")
 
     def _other_motion(self, block: Block, code: int, machine: bool) -> None:
         state = self._state
@@ -353,6 +332,7 @@ class Motion:
             # G98 retracts to the level before the first cycle of a series, which begins here
             if state.motion < 730 or state.motion == 800:
                 state.level = None
+            state.settle()
             state.motion = code
             self._moved()
             drill(state, block, self._emit, code, same, lambda place: _led(moving, place, state.incremental)[0])
@@ -497,6 +477,7 @@ class Motion:
         begins = nurbs is None
         if nurbs is None:
             self._curve(name, code == 52)
+            state.settle()
             letter, usual = ("l", 3) if code == 52 else ("p", 4)
             nurbs = state.nurbs = Nurbs(name, block.whole(letter, name, 2, HIGHEST_ORDER, usual))
             state.motion = code
@@ -568,6 +549,7 @@ class Motion:
     def _probe(self, block: Block, code: int) -> None:
         """Emit G38.2 to G38.5 as if the probe touched at the end of the move, where #5061 to #5069 then are."""
         state, name = self._state, name_of("g", code)
+        state.settle()
         target, moved = self.target(block)
         # behind another probe the real machine would stand before its end, and may have a way to go
         probed = state.parameters.numbered.get(TOUCHED + 9)

@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.kinematics import Kinematics
@@ -187,18 +187,30 @@ def sweep(start: tuple[float, float], end: tuple[float, float], center: tuple[fl
     return angle + math.tau * (turns + 1)
 
 
+Orientation = Literal["axes", "plane", "vector"]
+"""How a tool turns between two directions: the rotary joints move straight; it stays in the plane of both, at a
+constant rate; or the components of its direction move straight, in this plane, too.
+"""
+ORIENTATIONS: tuple[Orientation, ...] = get_args(Orientation)
+
 Point = tuple[float, ...]
 """The coordinates of X Y Z A B C U V W: m, and rad for A B C."""
 
 
 @dataclass(frozen=True, slots=True)
 class Straight:
-    """A straight move from `start` to `end` at the feed, or at rapid traverse (`traverse`)."""
+    """A straight move from `start` to `end` at the feed, or at rapid traverse (`traverse`).
+
+    orientation  how the tool turns while its tip moves: `Orientation`
+    off          largest angle of the tool at start and end from the programmed direction, rad
+    """
 
     source: Line
     start: Point
     end: Point
     traverse: bool
+    orientation: Orientation = "axes"
+    off: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,6 +221,7 @@ class Arc:
     center  center of the circle, along the first and second axis; the radii at start and end may differ by rounding in
             the program
     turns   number of full or partial turns: 1, 2, .. counterclockwise as seen from the third axis, -1, -2, .. clockwise
+    off     largest angle of the tool from its programmed direction, rad
     """
 
     source: Line
@@ -217,6 +230,7 @@ class Arc:
     axes: tuple[int, int, int]
     center: tuple[float, float]
     turns: int
+    off: float = 0.0
 
     @property
     def radius(self) -> float:
@@ -233,12 +247,16 @@ class Arc:
 
 @dataclass(frozen=True, slots=True)
 class Spline:
-    """A Bezier curve of second or third degree at the feed; `points` are its control points, without start and end."""
+    """A Bezier curve of second or third degree at the feed; `points` are its control points, without start and end.
+
+    off  largest angle of the tool from its programmed direction, rad
+    """
 
     source: Line
     start: Point
     end: Point
     points: tuple[Point, ...]
+    off: float = 0.0
 
     def turns(self, axis: int) -> list[float]:
         """Return the coordinates at which an axis reverses along the curve, m."""

@@ -23,9 +23,11 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.program import blocks
+from feeddrive.path.program.aiming import BY_AXES, Turning
 from feeddrive.path.program.blocks import BlockError, Line, LineReader, Place
 from feeddrive.path.program.budget import MOST_AGAIN, check_lines
 from feeddrive.path.program.dialects import DialectName
+from feeddrive.path.program.execution import Setting
 from feeddrive.path.program.frame import Frame, Travel
 from feeddrive.path.program.interpreter import Interpreter
 from feeddrive.path.program.moves import Begin, Command, Move, Point, read_command
@@ -318,6 +320,7 @@ def read_program(
     kinematics: Kinematics | None = None,
     start: Mapping[str, float] | None = None,
     from_line: int = 0,
+    turning: Turning = BY_AXES,
 ) -> Generator[Move]:
     """Yield the moves of a part program (RS-274/NGC) in constant memory: m, rad, s, machine coordinates.
 
@@ -336,6 +339,7 @@ def read_program(
     start         where the machine stands, in machine coordinates, m and rad: {"X": 0.1}; other axes at its zero
     from_line     line at which the program is resumed, with the modal state of the lines before it; 0: its beginning.
                   The machine stands where this line begins, or at `start`, and goes there by a traverse
+    turning       how the tool turns under G43.4 and G43.5, where the program does not say
 
     The first move is a `Begin` if either of the last two is given; the built-in interpreter then reads the program.
 
@@ -356,6 +360,7 @@ def read_program(
         kinematics=kinematics,
         start=None if from_line else place,
         from_line=from_line,
+        turning=turning,
     )
     if from_line:
         return resumed(_moves(frame, commands), place)
@@ -384,6 +389,7 @@ def read_commands(
     kinematics: Kinematics | None = None,
     start: Point | None = None,
     from_line: int = 0,
+    turning: Turning = BY_AXES,
 ) -> Generator[Command]:
     """Yield the canonical commands of a part program, in its own units and coordinates; see `read_program`."""
     path = Path(program)
@@ -410,27 +416,10 @@ def read_commands(
     numbered = None if offsets is None else blocks.read_offsets(offsets)
     if front_end == "rs274":
         return rs274_commands(path, table, numbered, tables_inch, skip_deleted)
-    if dialect == "siemens":
-        if start is not None or from_line:
-            raise ParameterError(
-                "the reader of SINUMERIK programs starts at the zero of the machine and line 1: leave out the line and "
-                "the start position"
-            )
-        interpreter = SiemensInterpreter(
-            path, table, numbered, tables_inch, skip_deleted, most_again, parameters=parameters
-        )
-        return interpreter.commands()
     stands = [0.0] * 9 if start is None else [1e3 * x if k in LINEAR else degrees(x) for k, x in enumerate(start)]
-    return Interpreter(
-        path,
-        table,
-        numbered,
-        tables_inch,
-        skip_deleted,
-        most_again,
-        dialect,
-        parameters=parameters,
-        kinematics=kinematics,
-        start=stands,
-        from_line=from_line,
-    ).commands()
+    setting = Setting(
+        table, numbered, tables_inch, skip_deleted, most_again, parameters or {}, kinematics, stands, from_line, turning
+    )
+    if dialect == "siemens":
+        return SiemensInterpreter(path, setting).commands()
+    return Interpreter(path, setting, dialect).commands()

@@ -13,76 +13,31 @@ from collections.abc import Callable
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import DEEPEST, BlockError
 
-_FIVE = "five axes: the orientation of the tool is not planned here, post the program as moves of the axes"
+_FIVE = "this way to orient the tool or the workpiece is not planned: write A3= B3= C3=, or the letters of rotary axes"
 _LATHE = "lathe work is not planned: only milling with X, Y and Z as they stand"
-_SPLINE = "the control chooses the nodes of this spline itself: post lines, arcs or POLY"
+_SPLINE = "splines of other axes than X Y Z are not planned: post lines, arcs or POLY"
 _SPINDLE = "the move follows the real spindle: take it out of what is planned"
 _CYCLE = "cycles of the control are not read: let the CAM system write their moves"
-_CALL = "subprograms are not read: write their lines into the program"
+_CALL = "this call is not read: write the name of the subprogram, CALL or a loop"
 _FEED = "the feed changes along a move: write a feed for each of them"
 _CORNER = "a rounding or chamfer that the control inserts is not planned: write its arc or line"
 _FRAME = "frames that scale or mirror are not planned: post the coordinates as they are moved"
 _MACHINE = "the place is a datum of the machine: write the move, with SUPA in machine coordinates"
-_COMPENSATION = (
-    "how the contour is approached and which arcs are inserted depends on machine data (NORM, KONT, G450): post the "
-    "path of the tool's center"
-)
+_COMPENSATION = "this way to the contour or along it is not planned: write NORM, and lines or arcs"
 _PLC = "what it does is decided by the machine's own logic: take it out"
 _WORDS: dict[str, tuple[str, ...]] = {
     _FIVE: (
-        *(
-            "TRAORI",
-            "ORIWKS",
-            "ORIMKS",
-            "ORIAXES",
-            "ORIVECT",
-            "ORIPLANE",
-            "ORICONCW",
-            "ORICONCCW",
-            "ORICURVE",
-            "ORIEULER",
-        ),
-        *(
-            "ORIRPY",
-            "ORIRPY2",
-            "ORIVIRT1",
-            "ORIVIRT2",
-            "ORISON",
-            "ORIROTA",
-            "LEAD",
-            "TILT",
-            "A2",
-            "B2",
-            "C2",
-            "A3",
-            "B3",
-            "C3",
-        ),
-        *(
-            "A4",
-            "B4",
-            "C4",
-            "A5",
-            "B5",
-            "C5",
-            "TOROT",
-            "TOFRAME",
-            "PAROT",
-            "TCARR",
-            "TCOABS",
-            "TCOFR",
-            "CUT3DC",
-            "CUT3DF",
-        ),
-        *("CUT3DFS", "CUT3DFF", "TLIFT", "CYCLE996"),
+        *("ORICONCW", "ORICONCCW", "ORICONIO", "ORICONTO", "ORICURVE", "ORIPATH", "ORIPATHS", "ORIEULER", "ORIRPY"),
+        *("ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORISON", "ORIROTA", "ORIROTR", "ORIROTT", "ORIROTC", "LEAD", "TILT"),
+        *("THETA", "A2", "B2", "C2", "A4", "B4", "C4", "A5", "B5", "C5", "A6", "B6", "C6", "A7", "B7", "C7", "A8"),
+        *("B8", "C8", "TOROT", "TOFRAME", "PAROT", "TCARR", "TCOABS", "TCOFR", "CUT3DC", "CUT3DF", "CUT3DFS"),
+        *("CUT3DFF", "CUT3DCC", "CUT3DCCD", "TLIFT", "CYCLE996", "TRACON", "TRAFOON", "TRACYL", "TRAANG", "NUT"),
     ),
     _LATHE: (
         "DIAMON",
         "DIAM90",
         "DIAMCYCOF",
         "TRANSMIT",
-        "TRACYL",
-        "TRAANG",
         "LIMS",
         "G96",
         "G961",
@@ -90,40 +45,10 @@ _WORDS: dict[str, tuple[str, ...]] = {
         "G971",
         "G973",
     ),
-    _SPLINE: (
-        "ASPLINE",
-        "BSPLINE",
-        "CSPLINE",
-        "BAUTO",
-        "BNAT",
-        "BTAN",
-        "EAUTO",
-        "ENAT",
-        "ETAN",
-        "PW",
-        "SD",
-        "SPLINEPATH",
-    ),
+    _SPLINE: ("SPLINEPATH",),
     _SPINDLE: ("G33", "G34", "G35", "G63", "G331", "G332", "SPOS", "SPOSA", "SPCON", "COUPON", "FPR"),
-    _CYCLE: ("MCALL", "HOLES1", "HOLES2", "POCKET1", "POCKET2", "POCKET3", "POCKET4", "SLOT1", "SLOT2", "LONGHOLE"),
-    _CALL: (
-        *(
-            "CALL",
-            "PCALL",
-            "EXTCALL",
-            "ISOCALL",
-            "MODALCALL",
-            "PROC",
-            "EXTERN",
-            "L",
-            "P",
-            "CASE",
-            "REPEATB",
-            "INIT",
-            "START",
-        ),
-        "WAITE",
-    ),
+    _CYCLE: ("HOLES1", "HOLES2", "POCKET1", "POCKET2", "POCKET3", "POCKET4", "SLOT1", "SLOT2", "LONGHOLE"),
+    _CALL: ("PCALL", "ISOCALL", "MODALCALL", "CASE", "REPEATB", "INIT", "START", "WAITE"),
     _FEED: ("FLIN", "FCUB", "FPO", "FRC", "FRCM", "FB", "FXS", "FGROUP", "FGREF", "FL", "FA", "OVR", "OVRRAP", "G93.1"),
     _CORNER: ("CHF", "CHR", "RND", "RNDM", "ANG"),
     _FRAME: (
@@ -141,7 +66,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
         "MEAFRAME",
     ),
     _MACHINE: ("G74", "G75", "G751", "FP"),
-    _COMPENSATION: ("G41", "G42", "G140", "G147", "G148", "G247", "G248", "G347", "G348", "OFFN"),
+    _COMPENSATION: ("KONTC", "KONTT", "G140", "G147", "G148", "G247", "G248", "G347", "G348", "OFFN"),
     _PLC: (
         "H",
         "ID",
@@ -190,7 +115,7 @@ IGNORED = frozenset(
             "DYNSEMIFIN",
         ),
         *("DYNFINISH", "DYNPREC", "UPATH", "SPATH", "CFC", "CFTCP", "CFIN", "RTLION", "RTLIOF", "ORISOF", "WALIMON"),
-        *("WALIMOF", "CDOF", "CDON", "CDOF2", "NORM", "KONT", "G450", "G451", "WORKPIECE", "SETMS", "SBLOF", "SBLON"),
+        *("WALIMOF", "CDOF", "CDON", "CDOF2", "WORKPIECE", "SETMS", "SBLOF", "SBLON"),
         *(
             "DISPLOF",
             "DISPLON",
@@ -208,7 +133,7 @@ IGNORED = frozenset(
     )
 )
 """Keywords that move nothing: shape of the acceleration, feedforward, compression, display, modes of what is off."""
-_IGNORED_G = frozenset((40, 290, 450, 451, 460, 461, 462, 601, 602, 603))
+_IGNORED_G = frozenset((290, 460, 461, 462, 601, 602, 603))
 
 
 def ignored_g(code: int) -> bool:
@@ -220,8 +145,6 @@ def refusal(word: str) -> str:
     """Return the reason why a word is known but not planned; empty for any other word."""
     if re.fullmatch(r"CYCLE\d+|POCKET\d+|SLOT\d+|HOLES\d+|E_\w+", word) and word not in ("CYCLE832", "CYCLE800"):
         return _CYCLE
-    if re.fullmatch(r"L\d+", word):
-        return _CALL
     return _REASONS.get(word, "")
 
 
@@ -449,12 +372,17 @@ class Values:
         """Read arguments in parentheses as text; an empty list if no parenthesis opens here."""
         if not self.skipped().startswith("("):
             return []
-        begin, depth = self.at + 1, 0
+        parts, begin, depth, quoted = list[str](), self.at + 1, 0, False
         for k in range(self.at, len(self.text)):
-            depth += {"(": 1, ")": -1}.get(self.text[k], 0)
+            letter = self.text[k]
+            quoted = quoted != (letter == '"')
+            depth += 0 if quoted else {"(": 1, ")": -1}.get(letter, 0)
+            if depth == 0 or (depth == 1 and letter == "," and not quoted):
+                parts.append(self.text[begin:k].strip())
+                begin = k + 1
             if depth == 0:
                 self.at = k + 1
-                return [part.strip() for part in self.text[begin:k].split(",")]
+                return parts
         raise self.fault("a closing parenthesis is expected here", len(self.text))
 
     def string(self) -> str | None:

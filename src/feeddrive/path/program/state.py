@@ -10,13 +10,19 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
 
 from feeddrive.language.errors import FileError, shown
 from feeddrive.language.quantity import Quantity
 from feeddrive.path.kinematics import Kinematics
+from feeddrive.path.program.aiming import BY_AXES, Aiming
 from feeddrive.path.program.blocks import AXES, Block, BlockError, Parameters, name_of
 from feeddrive.path.program.compensation import Compensation
+from feeddrive.path.program.moves import ORIENTATIONS, Command, Orientation
 from feeddrive.path.program.nurbs import Nurbs
+from feeddrive.path.program.siemens_splines import PointSpline
 
 _WORD = re.compile(r"([A-Za-z])([+-]?(?:\d+\.?\d*|\.\d+))\s*")
 _AXES = "XYZABCUVW"
@@ -113,6 +119,17 @@ def rotated(x: float, y: float, degrees: float) -> tuple[float, float]:
     return c * x - s * y, s * x + c * y
 
 
+class Names(NamedTuple):
+    """The words of a language of which the messages of all languages speak.
+
+    tool_point  from here on X Y Z are the tip of the tool
+    joints      ends it
+    """
+
+    tool_point: str = "G43.4, G43.5"
+    joints: str = "G49"
+
+
 class State:
     """The modal state of a program, and the position in program coordinates and in the program's length unit.
 
@@ -124,16 +141,30 @@ class State:
     compensation  the radius compensation, if it is on; `position` is then that of the programmed contour
     extruder_incremental  `incremental` for the axis U, which G90 and G91 set too, and M82 and M83 of a printer alone
     nurbs         the curve of G5.2 or G6.2 whose control points are being read
+    spline        the spline of SINUMERIK whose points are being read, or whose end waits for the next move
     leaving       the position of the tool's center between G40 and the next move; otherwise None
     kinematics    the kinematics of the machine, if it has any
     tool_point    the kinematics with the tool, while X Y Z are its tip in the frame of the workpiece; otherwise None
     aims          True if a block then gives the direction of the tool by I J K (G43.5)
+    aiming        the commands that wait for the rotary joints of their directions
+    orientation   how the tool turns between two directions now
+    turning       how the tool turns where the program does not say
+    names         words of the program's language in messages
     """
 
-    def __init__(self, parameters: Parameters, user_inch: bool, kinematics: Kinematics | None = None) -> None:
+    def __init__(
+        self,
+        parameters: Parameters,
+        user_inch: bool,
+        kinematics: Kinematics | None = None,
+        names: Names | None = None,
+    ) -> None:
         self.parameters = parameters
+        self.names = names or Names()
         self.kinematics, self.aims = kinematics, False
         self.tool_point: Kinematics | None = None
+        self.aiming, self.turning = Aiming(), BY_AXES
+        self.orientation: Orientation = "axes"
         self.user_inch = user_inch
         self.inch = False
         self.position = [0.0] * 9
@@ -165,6 +196,7 @@ class State:
         self.level: tuple[int, float] | None = None
         self.compensation: Compensation | None = None
         self.nurbs: Nurbs | None = None
+        self.spline: PointSpline | None = None
         self.leaving: list[float] | None = None
 
     # units
@@ -210,6 +242,59 @@ class State:
         scale = self.scale
         return [value * scale if axis in LINEAR else value for axis, value in enumerate(values)]
 
+    # directions of the tool
+
+    def aim(self, target: list[float], direction: Sequence[float], words: str, at_once: bool = False) -> None:
+        """Let the next motion, to a target, end with a direction of the tool, both in program coordinates.
+
+        words    of the program that give the direction, such as I J K
+        at_once  True if its rotary axes must be chosen now and not with those behind: on a curve that is not yet known
+
+        Under G93, where the feed depends on their way, they are always chosen at once.
+        Raises BlockError for a direction without length.
+        """
+        assert self.tool_point is not None
+        length = math.hypot(*direction)
+        word = words.split()[0]
+        if not length > 0.0:
+            upright = " ".join(f"{name}{'=' if len(name) > 1 else ''}{k // 2}" for k, name in enumerate(words.split()))
+            raise BlockError(
+                f"the direction of the tool {words} has no length: write {upright} for an upright tool", word
+            )
+        x, y, z = (component / length for component in direction)
+        x, y = rotated(x, y, self.rotation)
+        axes = [AXES.index(letter.lower()) for letter in self.tool_point.rotary_letters]
+        machine = self.machine(self.position)
+        start = [math.radians(machine[axis]) for axis in axes]
+        shift = [math.radians(machine[axis] - self.position[axis]) for axis in axes]
+        at_once = at_once or self.feed_mode == 930
+        if at_once:
+            self.settle()
+        deviates = (
+            not at_once and self.path_mode == "CANON_CONTINUOUS" and (self.tolerance > 0.0 or self.turning.always)
+        )
+        self.aiming.begin(self.tool_point, start, shift, self.turning.cone if deviates else 0.0, self.orientation)
+        self.aiming.aim(np.array((x, y, z)), [coordinate / self.meters for coordinate in target[:3]], word)
+        if at_once:
+            before = list(self.position)
+            self.settle()
+            for axis in axes:
+                target[axis] = self.position[axis]
+            self.position = before
+
+    def settle(self) -> None:
+        """Choose the rotary axes of all motions that wait."""
+        if self.aiming.waits:
+            self.aiming.settle()
+            for axis, angle in self.aiming.position.items():
+                self.position[axis] = angle
+
+    def take(self, command: Command) -> list[Command]:
+        """Return the commands that are finished with a command, which may wait for a direction behind it."""
+        if not self.aiming.holds(command):
+            self.settle()
+        return self.aiming.take(command)
+
     # coordinates
 
     def machine(self, program: Sequence[float]) -> list[float]:
@@ -217,6 +302,12 @@ class State:
         shifted = [p + a for p, a in zip(program, self.axis_offset, strict=True)]
         shifted[0], shifted[1] = rotated(shifted[0], shifted[1], self.rotation)
         return [s + o + t for s, o, t in zip(shifted, self.origin, self.tool_offset, strict=True)]
+
+    def coordinate(self, axis: int) -> float:
+        """Return the position of one axis, as `here`."""
+        if 3 <= axis <= 5:
+            self.settle()
+        return self.here()[axis]
 
     def here(self) -> list[float]:
         """Return the position of the tool in program coordinates, with radius compensation that of its center."""
@@ -236,6 +327,7 @@ class State:
         tool_offset: Sequence[float] | None = None,
     ) -> None:
         """Change offsets without moving the machine; the program coordinates of its position change."""
+        self.settle()
         # G10, G43, G92 ... never move the machine (unlike rs274 after G92, see docs/part_programs.md)
         standing = self.machine(self.position)
         before = self.position
@@ -287,7 +379,7 @@ class State:
         for axis in range(9):
             # bound by defaults, since a closure would see the last axis of the loop only
             live[5401 + axis] = lambda axis=axis: self.tool_offset[axis] / (self.scale if axis in LINEAR else 1.0)
-            live[5420 + axis] = lambda axis=axis: self.here()[axis]
+            live[5420 + axis] = lambda axis=axis: self.coordinate(axis)
             live[f"_{AXES[axis]}"] = live[5420 + axis]
         live |= {
             "_metric": lambda: float(not self.inch),
@@ -317,6 +409,7 @@ class State:
         }
 
 
+PATH_MODES = {610: "CANON_EXACT_PATH", 611: "CANON_EXACT_STOP", 640: "CANON_CONTINUOUS"}
 BY_CODE = {540: 1, 550: 2, 560: 3, 570: 4, 580: 5, 590: 6, 591: 7, 592: 8, 593: 9}
 
 
@@ -449,34 +542,55 @@ def through(state: State, kinematics: Kinematics, to_joints: bool) -> list[float
 def end_tool_point(state: State, emit: Emit) -> None:
     """End G43.4 or G43.5: X Y Z are the joints again, which do not move."""
     if state.tool_point:
+        state.settle()
         joints = through(state, state.tool_point, True)
-        state.tool_point, state.aims = None, False
+        state.tool_point, state.aims, state.orientation = None, False, "axes"
         state.position = state.program(joints)
         emit("TOOL_POINT", 0)
 
 
-def _begin_tool_point(state: State, block: Block, emit: Emit, tools: dict[int, Tool], code: int) -> None:
-    """Execute G43.4 or G43.5 with the tool H: from here on X Y Z are the tip of the tool in the frame of the workpiece,
-    whose place in the machine is that at rotary zero.
+def begin_tool_point(
+    state: State, emit: Emit, name: str, offset: Sequence[float], aims: bool, orientation: Orientation | None = None
+) -> None:
+    """Move the tip of the tool from here on: X Y Z are its place in the frame of the workpiece, whose place in the
+    machine is that at rotary zero.
+
+    name    word of the program
+    offset  offset of the tool, in the program's unit; all 0: the tool is that of the machine file
+    aims    True if blocks give the direction of the tool
+    orientation  how the tool turns; None: as where the program does not say
     """
-    name = name_of("g", code)
     if state.kinematics is None:
         raise BlockError(
             f"{name} moves the tip of the tool, and the machine has no kinematics: give the machine file a section "
             "[kinematics]",
             name,
         )
-    offset = [x / state.meters if axis in LINEAR else x for axis, x in enumerate(_of_table(state, block, tools, name))]
+    offset = [x / state.meters if axis in LINEAR else x for axis, x in enumerate(offset)]
     if any(offset[axis] for axis in range(9) if axis > 2):
         raise BlockError(f"the tool of {name} has an offset of another axis than X, Y and Z: take it out", "H")
     # a tool without an offset is that of the machine file
     kinematics = state.kinematics
     kinematics = replace(kinematics, tool=(-offset[0], -offset[1], -offset[2])) if any(offset) else kinematics
     tip = through(state, kinematics, False)
-    state.tool_point, state.aims = kinematics, code == 435
+    state.tool_point, state.aims = kinematics, aims
     state.tool_offset = [0.0] * 9
     state.position = state.program(tip)
     emit("TOOL_POINT", 1, *(offset[:3]))
+    turn_by(state, emit, orientation or state.turning.orientation)
+
+
+def turn_by(state: State, emit: Emit, orientation: Orientation) -> None:
+    """Let the tool turn by axes, in a plane or by vector from here on, until the tool point ends."""
+    state.settle()
+    state.orientation = orientation
+    emit("ORIENTATION", orientation)
+
+
+def set_tool_offset(state: State, emit: Emit, offset: Sequence[float]) -> None:
+    """Set the offset of the tool, in the program's unit; the machine does not move."""
+    state.keep_machine(tool_offset=offset)
+    emit("USE_TOOL_LENGTH_OFFSET", *offset)
 
 
 def _of_table(state: State, block: Block, tools: dict[int, Tool], name: str) -> list[float]:
@@ -496,11 +610,15 @@ def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], 
         end_tool_point(state, emit)
     elif state.tool_point:
         raise BlockError(
-            f"{name_of('g', code)} changes the tool while its tip is moved (G43.4, G43.5): write G49 in a line before",
+            f"{name_of('g', code)} changes the tool while its tip is moved ({state.names.tool_point}): write "
+            f"{state.names.joints} in a line before",
             name_of("g", code),
         )
     if code in (434, 435):
-        _begin_tool_point(state, block, emit, tools, code)
+        name = name_of("g", code)
+        # as in FANUC, where P1 is the control of the tool's posture
+        orientation = ORIENTATIONS[block.whole("p", name, 0, 2, ORIENTATIONS.index(state.turning.orientation))]
+        begin_tool_point(state, emit, name, _of_table(state, block, tools, name), code == 435, orientation)
         return
     offset = [0.0] * 9
     if code == 431:
@@ -514,13 +632,13 @@ def tool_length(state: State, block: Block, emit: Emit, tools: dict[int, Tool], 
         offset = _of_table(state, block, tools, name_of("g", code))
         if code == 432:
             offset = [o + t for o, t in zip(offset, state.tool_offset, strict=True)]
-    state.keep_machine(tool_offset=offset)
-    emit("USE_TOOL_LENGTH_OFFSET", *offset)
+    set_tool_offset(state, emit, offset)
 
 
 def shift_axes(state: State, block: Block, emit: Emit, code: int) -> None:
     """Execute G52 or G92 (assign coordinates to the current position), or G92.1 to G92.3 (clear, suspend, restore)."""
     numbered = state.parameters.numbered
+    state.settle()
     offset = list(state.axis_offset)
     if code in (520, 920):
         coordinates = {axis: value for axis, letter in enumerate(AXES) if (value := block.take(letter)) is not None}

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 from pathlib import Path
 
-from feeddrive.files.machine import BUNDLED
+from feeddrive.files.machine import BUNDLED, MachineFile
 from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import ParameterError
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, act, free_name
@@ -17,6 +18,7 @@ from feeddrive.workflow.run_job import RunRequest
 from feeddrive.workflow.setpath import SetpathRequest
 
 _PROGRAM = "a part program, beside its job"
+_MOVES_TIP = re.compile(r"^G43\.[45]", re.MULTILINE)
 _RULE = "the control that was tuned on the page"
 
 
@@ -38,7 +40,7 @@ class Prove(Room):
         """Return the available proofs and the results."""
         bench = self.desk.bench
         axes = [] if bench is None or bench.machine is None else list(bench.machine.loops)
-        programs = [*_bundled(), *self.desk.programs]
+        programs = [*_bundled(None if bench is None else bench.machine), *self.desk.programs]
         words = {
             "ready": bool(axes),
             "axes": axes,
@@ -114,7 +116,7 @@ class Prove(Room):
         """Return the name of the chosen part program, and a job that runs it under the current controller."""
         bench = self.desk.needed
         bench.needed_loop()
-        name = asked.choice("name", [*_bundled(), *self.desk.programs])
+        name = asked.choice("name", [*_bundled(bench.machine), *self.desk.programs])
         self.desk.check_free()
         source = self.desk.programs.get(name) or BUNDLED / "programs" / name
         # a copy beside the job, which then names it without a folder
@@ -146,7 +148,8 @@ def _alike(one: Shown, other: Shown) -> bool:
     return first.radius == second.radius and first.circles[0].axes == second.circles[0].axes
 
 
-def _bundled() -> list[str]:
-    """Return the bundled part programs that a job can run: not those that move the tip of a tool in five axes."""
+def _bundled(machine: MachineFile | None) -> list[str]:
+    """Return the bundled part programs for a machine: those that move the tip of the tool need its kinematics."""
     paths = (BUNDLED / "programs").glob("*.ngc")
-    return sorted(path.name for path in paths if "G43.4" not in path.read_text(encoding="utf-8"))
+    five = machine is not None and machine.kinematics is not None
+    return sorted(path.name for path in paths if five or not _MOVES_TIP.search(path.read_text(encoding="utf-8")))

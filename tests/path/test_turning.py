@@ -1,0 +1,176 @@
+"""Tools that turn in the plane of two directions: parts of a block, whose bound no sample exceeds, and plans."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tip_paths import machine
+
+from feeddrive.language.errors import ProgramError
+from feeddrive.path.kinematics import Kinematics, UnreachableError
+from feeddrive.path.motion import Part
+from feeddrive.path.orientation import angle_between, interpolate_plane, interpolate_vector
+from feeddrive.path.program.aiming import Turning
+from feeddrive.path.program.moves import Orientation
+from feeddrive.path.program.reading import read_program
+from feeddrive.path.proof import Prover
+from feeddrive.path.setpoints import Sampler, planned
+from feeddrive.path.tip_proof import TipProver
+from feeddrive.path.turning import Parts, in_plane
+
+TRUNNION = Kinematics.of("table_table", "AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
+LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3 + [[5.0, 30.0, 600.0, 3e5], [10.0, 50.0, 1000.0, 5e5]])
+NEAR = math.radians(0.005)
+PLANES: tuple[Orientation, ...] = ("plane", "vector")
+
+
+def sampled(kinematics: Kinematics, begin: list[float], end: list[float], how: Orientation, parts: Parts) -> float:
+    """The largest angle between the tool axis of the joints and the programmed one at 33 points of each part."""
+    joints = np.concatenate([np.array(begin)[:, None], parts.rotary, np.array(end)[:, None]], axis=1)
+    first, last = (np.array(kinematics.tool_axis(angles))[:, None] for angles in (begin, end))
+    interpolate = interpolate_plane if how == "plane" else interpolate_vector
+    x = np.linspace(0.0, 1.0, 33)
+    most = 0.0
+    for k in range(len(parts.share) - 1):
+        share = parts.share[k] + x * (parts.share[k + 1] - parts.share[k])
+        here = np.array(kinematics.tool_axis(joints[:, [k]] + x * (joints[:, [k + 1]] - joints[:, [k]])))
+        most = max(most, float(angle_between(here, interpolate(first, last, share)).max()))
+    return most
+
+
+def compare(how: Orientation, count: int) -> None:
+    """Compare the bound of random blocks of random machines with samples.
+
+    It is mostly less than 5 times what samples show.  Blocks whose end is not reached along the arc are refused: no
+    more than a third of them.
+    """
+    draw, sharp, refused = np.random.default_rng(3), list[float](), 0
+    for _ in range(count):
+        kinematics = machine(draw)
+        begin = draw.uniform(-1.0, 1.0, 2)
+        end = begin + draw.normal(size=2) * 10.0 ** draw.uniform(-3.0, -0.3)
+        try:
+            parts = in_plane(kinematics, begin.tolist(), end.tolist(), how, NEAR)
+        except UnreachableError:
+            refused += 1
+            continue
+        far = sampled(kinematics, begin.tolist(), end.tolist(), how, parts)
+        assert far <= parts.off + 1e-12 <= NEAR + 1e-12
+        if len(parts.share) > 2:
+            sharp.append(parts.off / far)
+    assert refused <= count / 3
+    assert len(sharp) > count / 6
+    assert np.median(sharp) < 5.0
+
+
+@pytest.mark.parametrize("how", PLANES)
+def test_no_sample_is_farther_from_the_plane_than_the_bound(how: Orientation) -> None:
+    compare(how, 8)
+
+
+@pytest.mark.slow(reason="hundreds of random blocks take a minute")
+@pytest.mark.parametrize("how", PLANES)
+def test_no_sample_of_many_blocks_is_farther_than_the_bound(how: Orientation) -> None:
+    compare(how, 300)
+
+
+def test_a_block_that_turns_by_little_is_one_part() -> None:
+    """1 degree of both joints: at most (0.035)²/4 = 3e-4 rad, which 0.05 degrees hold, and a tenth of it not."""
+    begin, end = [0.5, 0.2], [0.5 + math.radians(1.0), 0.2 + math.radians(1.0)]
+    assert len(in_plane(TRUNNION, begin, end, "plane", 10.0 * NEAR).share) == 2
+    assert len(in_plane(TRUNNION, begin, end, "plane", NEAR).share) >= 2
+    straight = in_plane(TRUNNION, [0.5, 0.2], [0.9, 0.2], "plane", NEAR)
+    # one joint that tilts the tool is the plane itself
+    assert len(straight.share) == 2
+    assert straight.off < 1e-6
+
+
+def test_through_the_pole_a_branch_may_change_and_the_table_may_turn() -> None:
+    """The arc from a tilt of 0.5 to one of -0.5 leads through the pole: A passes 0, or C turns there by half a turn."""
+    for end in ([-0.5, 0.2], [0.5, 0.2 + math.pi]):
+        parts = in_plane(TRUNNION, [0.5, 0.2], end, "plane", NEAR)
+        assert sampled(TRUNNION, [0.5, 0.2], end, "plane", parts) <= NEAR
+
+
+def test_by_vector_the_tool_turns_faster_in_the_middle() -> None:
+    """Over 60 degrees of one joint by a quarter, 1/cos² 30° = 1.33 of the mean there: more than one part."""
+    plane = in_plane(TRUNNION, [0.1, 0.2], [0.1 + math.pi / 3.0, 0.2], "plane", NEAR)
+    vector = in_plane(TRUNNION, [0.1, 0.2], [0.1 + math.pi / 3.0, 0.2], "vector", NEAR)
+    assert len(plane.share) < 5 < len(vector.share)
+    k = int(np.argmin(np.abs(vector.share - 0.5)))
+    rate = (vector.rotary[0, k] - vector.rotary[0, k - 2]) / (vector.share[k + 1] - vector.share[k - 1])
+    assert rate == pytest.approx(math.pi / 3.0 * 1.1027, rel=0.02)  # 2 tan 30° / 60°, the rate in the middle
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "what"),
+    [
+        ([0.5, 0.0], [0.5, 2.0 * math.pi], "joint C would jump by 360 deg"),
+        ([0.5, 0.0], [-0.5, 2.6], "joint C would jump by 17"),
+        ([math.pi / 2.0, 0.0], [-math.pi / 2.0, 0.0], "to the opposite direction"),
+    ],
+)
+def test_an_end_that_the_arc_does_not_reach_is_refused(begin: list[float], end: list[float], what: str) -> None:
+    with pytest.raises(UnreachableError, match=what):
+        in_plane(TRUNNION, begin, end, "plane", NEAR)
+
+
+def swings(tmp_path: Path, head: str, body: str) -> Path:
+    path = tmp_path / "part.ngc"
+    path.write_text(f"G21 G90 F3000 {head}\n{body}M2\n", encoding="utf-8")
+    return path
+
+
+BODY = "G0 Z60 A-40\nG1 X20 A-45 C35\nX40 A-30 C-10\n"
+
+
+def off_the_plane(tmp_path: Path, text: str, turning: Turning) -> tuple[float, float]:
+    """Plan a program of `BODY`; return the largest angle of its samples from the great circles of its feeds, at the
+    place of the tip, and the proven one, both rad."""
+    moves = read_program(swings(tmp_path, "G64 P0.01", text + BODY), kinematics=TRUNNION, turning=turning)
+    prover, tip, sampler, rows = Prover(LIMITS), TipProver(), Sampler(1e-3), list[np.ndarray]()
+    for part in planned(moves, "XYZAC", LIMITS, tip=tip):
+        if isinstance(part, Part):
+            prover.prove(part)
+            rows.append(sampler.sample(part)[:, :, 0])
+    proof = tip.proof()
+    assert proof is not None
+    assert prover.proof().count == proof.faults == 0
+    q = np.concatenate(rows).T
+    place, axis = np.array(TRUNNION.tip(q[:3], q[3:])), np.array(TRUNNION.tool_axis(q[3:]))
+    ends = np.radians([[-40.0, 0.0], [-45.0, 35.0], [-30.0, -10.0]])
+    directions = [np.array(TRUNNION.tool_axis(angles))[:, None] for angles in ends]
+    most = 0.0
+    for k in range(2):
+        # away from the corner, which is rounded
+        share = (place[0] - 0.02 * k) / 0.02
+        inside = (share > 0.2) & (share < 0.8)
+        wanted = interpolate_plane(directions[k], directions[k + 1], share[inside])
+        most = max(most, float(angle_between(axis[:, inside], wanted).max()))
+    return most, proof.angle
+
+
+def test_a_plan_keeps_the_tool_in_the_plane_within_the_proven_angle(tmp_path: Path) -> None:
+    """0.05 degrees are allowed; by axes the same program leaves the plane by more than a degree."""
+    for text, turning in (("G43.4 H0 P1\n", Turning()), ("G43.4 H0\n", Turning("plane"))):
+        off, proven = off_the_plane(tmp_path, text, turning)
+        assert off <= proven <= math.radians(0.05)
+    by_axes, _ = off_the_plane(tmp_path, "G43.4 H0 P0\n", Turning("plane"))
+    assert by_axes > math.radians(1.0)
+
+
+@pytest.mark.parametrize(
+    ("head", "body", "what"),
+    [
+        ("G61", "G43.4 P1\nG1 X1 A-30 C40\n", "line 3.*within a tolerance only"),
+        ("G64 P0.01", "G43.4 P1\nG2 X1 I0.5 A-30\n", "line 3.*axis A turns along a curve"),
+        ("G64 P0.01", "G43.4 P1\nG0 A-30\nG1 X1 C360\n", "line 4.*joint C would jump by 360 deg"),
+        ("G64 P0.01", "G43.4 P3\n", "line 2.*P of G43.4 is a whole number from 0 to 2"),
+    ],
+)
+def test_what_cannot_turn_in_a_plane_is_refused_at_its_line(tmp_path: Path, head: str, body: str, what: str) -> None:
+    with pytest.raises(ProgramError, match=what):
+        list(planned(read_program(swings(tmp_path, head, body), kinematics=TRUNNION), "XYZAC", LIMITS))
