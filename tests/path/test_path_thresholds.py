@@ -684,7 +684,7 @@ def test_the_four_time_intervals_of_half_a_ramp_have_seven_spans() -> None:
 def test_spans_are_no_longer_than_a_fourteenth_of_a_ramp_from_rest_on_a_line() -> None:
     """However slow the plan is: it is that of a window whose slow pieces make its ramps long."""
     from_rest = sum(ramp.boxcars(float(LIMITS[0, 0]), *LIMITS[0, 1:].tolist()))
-    widest = np.max(np.diff(knot_times(np.full(4, 10.0 * from_rest), 0.1, 0.0)))
+    widest = np.max(np.diff(knot_times(np.full(4, 2.0 * from_rest), 0.1, 0.0)))
     assert 0.8 < widest * 14.0 / from_rest < 1.2
 
 
