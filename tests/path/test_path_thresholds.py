@@ -265,7 +265,7 @@ def test_chains_of_up_to_100_segments_are_planned_in_two_ways(
 
     monkeypatch.setattr(setpoints, "Joiner", Joiner)
     chain = Chain(lines(np.zeros((2, 3)) + np.arange(2)[:, None], 0.1), np.zeros(count), True)
-    setpoints._quicker(chain, LIMITS, 1.0)
+    setpoints._quicker(chain, setpoints._Frame(LIMITS, None, None), 1.0)
     assert bool(made) is twice
 
 
@@ -340,7 +340,7 @@ def test_the_search_for_a_peak_has_enough_tries(monkeypatch: pytest.MonkeyPatch)
         assert found <= 1.0003 * np.sum(plan_run(pieces, LIMITS).duration)
 
 
-def test_eight_slow_pieces_of_a_stretch_are_tried_as_plateaus(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_slow_pieces_of_a_stretch_are_tried_as_plateaus(monkeypatch: pytest.MonkeyPatch) -> None:
     """Then the slowest is tried at two lower speeds; both ramps to a piece find no room on 20 slow lines of 30 um."""
     split, tries = plan._split, list[object]()
 
@@ -353,7 +353,7 @@ def test_eight_slow_pieces_of_a_stretch_are_tried_as_plateaus(monkeypatch: pytes
     segments = segments._replace(feed=1e-3 + 5e-5 * np.arange(20))
     with interpreted():
         plan_run(segments, LIMITS * [1.0, 1.0, 1.0, 1e-3])
-    assert 8 < max(map(tries.count, tries)) / len(SHARES) < 14
+    assert 16 < max(map(tries.count, tries)) / len(SHARES) < 24
 
 
 @pytest.mark.parametrize(("ratio", "level"), [(1.0005, True), (1.0015, False)])
@@ -501,7 +501,7 @@ def test_next_to_an_arc_only_corners_of_more_than_a_fifth_of_a_radian_stop(turn:
 @pytest.mark.parametrize(("turn", "tried"), [(1.5e-9, False), (3e-9, True)])
 def test_a_turn_of_2e_9_is_a_corner_that_may_be_passed_in_time(turn: float, tried: bool) -> None:
     chain = Chain(line_and_arc(turn), np.full(2, 1e-5), True)
-    assert (setpoints._quicker(chain, LIMITS, 1.0) is not None) is tried
+    assert (setpoints._quicker(chain, setpoints._Frame(LIMITS, None, None), 1.0) is not None) is tried
 
 
 @pytest.mark.parametrize(("turn", "least", "most"), [(0.7e-3, 0.035, 0.05), (1.5e-3, 0.12, 1.0)])
@@ -672,12 +672,39 @@ def knot_times(duration: np.ndarray, speed: float, acceleration: float) -> np.nd
     x = begin[:-1] * (speed + 0.5 * acceleration * begin[:-1])
     motion = Motion(duration, np.zeros(len(duration), np.int64), x, speeds[:-1], rest + acceleration, rest, rest)
     path = lift._Path(lines(np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]]), 10.0), LIMITS)
-    return path._spline(motion, spline.State(speeds[-1], acceleration, 0.0), 0)[0]
+    ones = np.ones(len(duration), np.int64)
+    return path._spline(motion, spline.State(speeds[-1], acceleration, 0.0), 0, ones)[0]
 
 
 def test_the_four_time_intervals_of_half_a_ramp_have_seven_spans() -> None:
     spans = len(knot_times(np.full(40, 1e-3), 0.1, 0.0)) - 1
     assert 5 < spans / 10 < 10
+
+
+def test_spans_are_no_longer_than_a_fourteenth_of_a_ramp_from_rest_on_a_line() -> None:
+    """However slow the plan is: it is that of a window whose slow pieces make its ramps long."""
+    from_rest = sum(ramp.boxcars(float(LIMITS[0, 0]), *LIMITS[0, 1:].tolist()))
+    widest = np.max(np.diff(knot_times(np.full(4, 2.0 * from_rest), 0.1, 0.0)))
+    assert 0.8 < widest * 14.0 / from_rest < 1.2
+
+
+def test_limits_are_lowered_by_less_within_eight_spans_of_a_given_state() -> None:
+    assert lift._reduced(100)[[0, 3, 6, 7, 50, 99]].tolist() == pytest.approx([1 / 64, 1 / 4, 49 / 64, 1, 1, 1 / 64])
+
+
+def test_a_section_is_tried_with_spans_of_three_lengths(monkeypatch: pytest.MonkeyPatch) -> None:
+    tries = list[int]()
+
+    def fails(_: object, motion: Motion, end: object, spans: int, factors: object, finer: np.ndarray) -> Any:
+        tries.append(int(finer[1]))
+        return None, np.arange(5.0), np.array([1])
+
+    monkeypatch.setattr(lift._Path, "_tried", fails)
+    zero = np.zeros(4)
+    motion = Motion(np.ones(4), np.zeros(4, np.int64), zero, zero + 1.0, zero, zero, zero)
+    path = lift._Path(lines(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), 10.0), LIMITS)
+    assert path._between(motion, spline.State(1.0, 0.0, 0.0), 0, (1.0, 1.0)) is None
+    assert tries == [1, 2, 4]
 
 
 @pytest.mark.parametrize(("share", "follows"), [(0.014, False), (0.03, True)])
@@ -840,6 +867,13 @@ def test_a_step_leaves_a_tenth_of_the_distance_to_a_limit(search: Search) -> Non
 def test_a_step_is_halved_up_to_twelve_times(distance: float, moves: bool, search: Search) -> None:
     """Without a penalty a step is two thirds of z: 9 halvings to a distance of 0.15 %, 16 to 0.001 %."""
     assert bool(np.any(search.run(1.0 - distance, 1e-12, 1e-12, 1) != search.run(1.0 - distance, 0.0, 0.0, 0))) is moves
+
+
+def test_forty_steps_may_violate_a_limit(search: Search) -> None:
+    """The given state at either end does, so that no step can mend it."""
+    few, enough, many = (search.run(1.5, 0.1, 0.1, steps).tolist() for steps in (25, 60, 200))
+    assert few != enough
+    assert enough == many
 
 
 @pytest.mark.parametrize(("last", "ends"), [(0.2, False), (0.4, True)])

@@ -6,12 +6,16 @@ simultaneously (`spline`).  The result, in time intervals of constant snap, is u
 and is faster; otherwise the original plan is kept.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
-from typing import cast
+from itertools import chain
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from feeddrive.language.kernels.source import by_field, rows_for
+from feeddrive.language.threads import in_order
 from feeddrive.path.motion import (
     LINE,
     Derivatives,
@@ -30,9 +34,14 @@ from feeddrive.path.schedule import spline
 from feeddrive.path.schedule.ramp import Slopes
 from feeddrive.path.schedule.spline import Basis, Points, Rates, Reached, Room, State
 
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
 # less reserve fails more proofs and costs more rounds, more reserve costs time of the motion
 SHARES = (1.0 - 1e-4, 0.995, 0.99, 0.98)  # of the limits, at the points: the rest is for the motion between them
 _FINE = 7.0  # number of spans in the duration of half a ramp
+# slow pieces of a path can make ramps over all of it much longer than they are once lifted
+_WIDEST = 0.5  # of a ramp from rest to the top speed on a straight path, in place of half a ramp of the plan
 # half a ramp as a number of time intervals and their share, with limits of jerk and snap, without one of snap, and
 # without both: a ramp then has 6 or 7 intervals, 2 or 3, or 1
 _HALF = ((4, 1.0), (1, 1.0), (1, 0.5))
@@ -50,11 +59,13 @@ _ORDERS = 1.0 / np.arange(1, 5)  # a motion that takes f times as long has 1/f .
 _BLENDED = 30  # number of coefficients over which the first spline takes up such a change of speed
 _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
-_STEPS = 40
+_STEPS = 160  # from the slow ramps of some plans it is far to a quick motion
 # a final penalty of 3e-3 would make motions 0.1 % faster and the computation 5 % longer
 _PENALTIES = (0.1, 0.01, 5e-3)  # initially, at the start of each round, and finally
 _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
+_GIVEN = 8.0  # number of spans from a given state at an end over which the reduction grows to that
+_REFINED = 3  # largest number of times that a section is tried, each time with spans half as long where it failed
 _ASIDE = 16  # number of spans on either side of such a point that are optimized again
 # a lifted motion ends in a node of the plan; lifted again with the next part, it need not have u'' = u''' = 0 there
 _HELD = 0.3  # of the duration of the lifted motion is held back for the next part
@@ -67,12 +78,14 @@ _TOP = 0.995  # of the speed allowed by feed and velocity limits: such a plateau
 class Lifter:
     """The lifter of consecutive parts of runs; `limits` are in m/s .. m/s⁴, shape (N, 4).
 
+    `workers` lift the sections of a part that do not depend on each other; None: one after the other.
+
     The last portion of a lifted section is held back, to be lifted again with the next part. A lifted section ends in
     the same state as the original plan, whose planned stop therefore remains valid.
     """
 
-    def __init__(self, limits: np.ndarray) -> None:
-        self._limits = np.ascontiguousarray(limits, float)
+    def __init__(self, limits: np.ndarray, workers: Executor | None = None) -> None:
+        self._limits, self._workers = np.ascontiguousarray(limits, float), workers
         self.hand: Part | None = None  # the part held back
         self._spans = 0  # number of its time intervals that are already spans
 
@@ -89,21 +102,29 @@ class Lifter:
         rests = _rests(motion)
         motions: list[Motion] = []
         come, n = 0, len(motion.duration)
-        waiting = _sections(motion, rests, path.top, part.pieces.length)[::-1]
-        while waiting:
-            first, last = waiting.pop()
-            begins, ends = bool(rests[first]), bool(rests[last])
-            # an estimate, not a bound: lifting 1,908 ramps gained at most 0.69 of it
-            if path.gain(motion, first, last) < _LITTLE * _around_time(motion, first, last):
-                continue
-            lifted, kept = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
-            if lifted is not None:
-                motions += [_some(motion, come, first), lifted]
-                come = last
-                if last == n and not ends:
-                    self._spans = len(lifted.duration) - kept  # it goes on
-            else:
-                waiting += _halves(motion, first, last)
+
+        def within(section: tuple[int, int]) -> list[tuple[int, int, Motion, int]]:
+            """Lift a section, or what of its halves can be; it depends on no other section."""
+            waiting, done = [section], list[tuple[int, int, Motion, int]]()
+            while waiting:
+                first, last = waiting.pop()
+                begins, ends = bool(rests[first]), bool(rests[last])
+                # an estimate, not a bound: lifting 1,908 ramps gained at most 0.69 of it
+                if path.gain(motion, first, last) < _LITTLE * _around_time(motion, first, last):
+                    continue
+                lifted, kept = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
+                if lifted is not None:
+                    done.append((first, last, lifted, kept))
+                else:
+                    waiting += _halves(motion, first, last)
+            return done
+
+        sections = _sections(motion, rests, path.top, part.pieces.length)
+        for first, last, lifted, kept in chain.from_iterable(in_order(self._workers, within, sections)):
+            motions += [_some(motion, come, first), lifted]
+            come = last
+            if last == n and not rests[last]:
+                self._spans = len(lifted.duration) - kept  # it goes on
         motions.append(_some(motion, come, n))
         part = part._replace(motion=_one(motions))
         if self._spans:
@@ -120,8 +141,8 @@ class _Path:
         self._pieces, self._limits = pieces, limits
         self._begin = np.concatenate([[0.0], np.cumsum(pieces.length)])
         self._unlimited = int(np.max(np.sum(np.isinf(limits[:, 2:]), axis=1)))  # of jerk and snap
-        self.top = np.zeros(n)
-        spline.tops(pieces, limits, self.top, rows_for(Slopes, axes))
+        self.top, self._from_rest = np.zeros(n), np.zeros(n)
+        spline.tops(pieces, limits, self.top, self._from_rest, rows_for(Slopes, axes))
 
     def gain(self, motion: Motion, first: int, last: int) -> float:
         """Return the largest time that may be saved in a section, s: the result of `ramp_gain` for a ramp, otherwise
@@ -185,9 +206,33 @@ class _Path:
         """Return a proven motion between the same states, or None, for a motion that is at rest at neither end; `end`
         is u' .. u''' at its end.
 
-        Both states are those of a motion that takes longer by one of the two factors.
+        Both states are those of a motion that takes longer by one of the two factors.  Where it fails, spans are
+        halved.
         """
-        time, knots, coefficient = self._spline(motion, end, spans)
+        finer = np.ones(len(motion.duration), np.int64)
+        for _ in range(_REFINED):
+            lifted, time, failed = self._tried(motion, end, spans, factors, finer)
+            if lifted is not None or not len(failed):
+                return lifted
+            edges = np.concatenate([[0.0], np.cumsum(motion.duration)])
+            first = np.searchsorted(edges, time[np.maximum(failed - 1, 0)], side="right") - 1
+            last = np.searchsorted(edges, time[np.minimum(failed + 2, len(time) - 1)])
+            of_failed = np.zeros(len(finer), bool)
+            for one, two in zip(first.tolist(), last.tolist(), strict=True):
+                of_failed[one:two] = True
+            finer[of_failed] *= 2
+        return None
+
+    def _tried(
+        self, motion: Motion, end: State, spans: int, factors: Sequence[float], finer: np.ndarray
+    ) -> tuple[Motion | None, np.ndarray, np.ndarray]:
+        """Return a motion as `_between` does, the times of the knots in the given one, and the spans at which limits
+        cannot be kept if there is none.
+
+        finer  factor by which spans are shorter in each time interval, shape (m,)
+        """
+        time, knots, coefficient = self._spline(motion, end, spans, finer)
+        nowhere = np.zeros(0, np.int64)
         if min(factors) != 1.0 or max(factors) != 1.0:
             # the three coefficients at either end are those of one state
             k, n = np.arange(len(coefficient)), len(coefficient)
@@ -195,46 +240,50 @@ class _Path:
             for from_end, factor in zip((k, n - 1 - k), factors, strict=True):
                 coefficient *= np.interp(from_end, [2, 2 + blended], [factor**-2, 1.0])
         if np.any(np.diff(knots[3:-3]) <= 0.0):
-            return None  # time intervals without motion except for rounding
+            return None, time, nowhere  # time intervals without motion except for rounding
         n = len(time) - 1
         looked = self._points(time, knots)
         begins, goes_on, ends = _PENALTIES
         if _quicker(looked, coefficient, begins, goes_on, 0, n):
-            return None
+            return None, time, _exceeded(looked, coefficient)
         at_begin, at_end = factors
         starts = _slower(State(motion.speed[0], motion.acceleration[0], motion.jerk[0]), at_begin)
         end = _slower(end, at_end)
         timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
         more = rows_for(State, n + 1), np.zeros((2 * _TOGETHER, 4))
+        given = _reduced(n)
         tried, new = coefficient.copy(), [(0, n)]
+        failed = nowhere
         for number in range(1, _ROUNDS + 1):
             for first, last in new:
                 if _quicker(looked, tried, goes_on, ends, first, last):
                     if last - first == n:
-                        return None
+                        return None, time, _exceeded(looked, tried)
                     # changing these spans alone is infeasible: optimize all of them
                     tried, new = coefficient.copy(), [(0, n)]
                     if _quicker(looked, tried, goes_on, ends, 0, n):
-                        return None
+                        return None, time, _exceeded(looked, tried)
                     break
             if not spline.in_time(knots, tried, self._begin, starts, end, _TOGETHER, timed, *more):
-                return None  # it moves backwards between the evaluated points
+                return None, time, nowhere  # it moves backwards between the evaluated points
             faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
-                return timed
+                return timed, time, nowhere
             for _, where, _, which, _ in faults:
                 # a jump or a backward motion, which lower limits would not remove
                 if which < -1:
-                    return None
+                    return None, time, nowhere
                 near, behind = np.searchsorted(looked.span, [where - 1, where + 2]).tolist()
                 axis, number_of = divmod(int(which), len(DERIVATIVES))
+                share = 2.0**number * float(given[int(where)])
                 # r is scaled by the limits: enlarging it lowers them at these points
                 if which == -1 or number_of == 0:
-                    looked.most[near:behind] *= 1.0 - 1e-3 * 2.0**number
+                    looked.most[near:behind] *= 1.0 - 1e-3 * share
                 else:
-                    spline.tightened(looked, near, behind, axis, number_of, 1.0 + _TIGHTER * 2.0**number)
-            new = _around(np.asarray(by_field(Broken, faults).interval).astype(int), n)
-        return None
+                    spline.tightened(looked, near, behind, axis, number_of, 1.0 + _TIGHTER * share)
+            failed = np.unique(np.asarray(by_field(Broken, faults).interval).astype(int))
+            new = _around(failed, n)
+        return None, time, failed
 
     def _faults(self, motion: Motion, first: int, last: int) -> np.ndarray:
         """Return the faults, in the form of `faults_of`, in the section affected when the spans from `first` up to but
@@ -245,31 +294,41 @@ class _Path:
         faults = faults_of(self._pieces, _some(motion, first, last), self._limits)
         return faults + Broken(0.0, first, 0.0, 0.0, 0.0)
 
-    def _spline(self, motion: Motion, end: State, spans: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _spline(
+        self, motion: Motion, end: State, spans: int, finer: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return knot times, knots and coefficients of a spline u'²(u) that approximates a motion and matches its
-        states at both ends.
+        states at both ends; `finer` is that of `_tried`.
         """
         n = len(motion.duration)
+        spans = min(spans, n)
         wide, share = _HALF[self._unlimited]
         wide = min(wide, n)
         sums = np.convolve(motion.duration, np.ones(wide), "valid")
         padded = np.concatenate([np.full(wide - 1, np.inf), sums, np.full(wide - 1, np.inf)])
         step = np.lib.stride_tricks.sliding_window_view(padded, wide).min(axis=1) * (share / _FINE)
-        step[:spans] = motion.duration[:spans]
+        step = np.minimum(step, _WIDEST / _FINE * self._from_rest[motion.piece])
         finest = _FINEST * float(np.mean(motion.duration))
         step = np.maximum(step, finest)
+        # spans stay as they are: with other knots the snaps of a lifted motion would exceed their limits
+        step[:spans] = motion.duration[:spans]
+        step = step / finer
         edge = np.concatenate([step[:1], np.minimum(step[1:], step[:-1]), step[-1:]])
         # the states at the ends fix three coefficients, so that a span must not be longer than the phase it lies in
-        if not spans:
-            edge[0] = min(edge[0], max(float(motion.duration[0]), _LEAST_SPAN))
-        edge[-1] = min(edge[-1], max(float(motion.duration[-1]), _LEAST_SPAN))
+        edge[0] = min(edge[0], max(_first_phase(motion), _LEAST_SPAN))
+        edge[-1] = min(edge[-1], max(_first_phase(motion, -1), _LEAST_SPAN))
         speed, acceleration = np.append(motion.speed, end.speed), np.append(motion.acceleration, end.acceleration)
         edge = np.minimum(edge, _TURNS * speed / np.maximum(np.abs(acceleration), 1e-300))
-        spline.graded(motion.duration, edge)
-        least = np.minimum(step, np.minimum(edge[:-1], edge[1:]))
-        size = 2 + int(np.sum(2.0 + (1.0 + spline.GRADE) * motion.duration / least))
-        time = np.zeros(size)
-        time = time[: spline.instants(motion.duration, step, edge, time)]
+        kept = finer[:spans]
+        time = np.concatenate([[0.0], np.cumsum(np.repeat(motion.duration[:spans] / kept, kept))])
+        if spans < n:
+            duration, step, edge = motion.duration[spans:], step[spans:], edge[spans:]
+            spline.graded(duration, edge)
+            least = np.minimum(step, np.minimum(edge[:-1], edge[1:]))
+            size = 2 + int(np.sum(2.0 + (1.0 + spline.GRADE) * duration / least))
+            behind = np.zeros(size)
+            behind = behind[: spline.instants(duration, step, edge, behind)]
+            time = np.concatenate([time[:-1], time[-1] + behind])
         sampled = rows_for(Reached, len(time))
         spline.states(motion, self._begin, time, sampled)
         sampled[-1] = by_field(Reached, sampled[-1])._replace(**end._asdict())
@@ -330,8 +389,23 @@ def _quicker(looked: Points, coefficient: np.ndarray, begins: float, ends: float
     return spline.quickest(part, coefficient[first : last + 3], begins, ends, _STEPS, room)
 
 
+def _exceeded(looked: Points, coefficient: np.ndarray) -> np.ndarray:
+    """Return the spans at which a spline exceeds a limit, or nearly so if it exceeds none."""
+    share = np.zeros(len(looked.span))
+    spline.uses(looked, coefficient, share)
+    return np.unique(looked.span[share >= min(1.0, float(np.max(share)))])
+
+
 def _some_points(points: Points, first: int, last: int) -> Points:
     return Points._make([array[first:last] for array in cast("tuple[np.ndarray, ...]", points)])
+
+
+def _reduced(n: int) -> np.ndarray:
+    """Return the share of the reduction of a limit in each of n spans: with all of it next to the given states at the
+    ends the limit would fall faster than the motion can.
+    """
+    from_end = np.minimum(np.arange(n), n - 1 - np.arange(n))
+    return np.minimum(1.0, ((1.0 + from_end) / _GIVEN) ** 2)
 
 
 def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:
@@ -400,6 +474,15 @@ def _rests(motion: Motion) -> np.ndarray:
     return slow
 
 
+def _first_phase(motion: Motion, sense: int = 1) -> float:
+    """Return the duration of the first (`sense` 1) or last (-1) time interval, s, or that of its neighbor if it is a
+    plateau shorter than that, as ramps may leave plateaus of the size of their error.
+    """
+    duration, acceleration, jerk, snap = (column[::sense] for column in (motion.duration, *motion[4:]))
+    flat = acceleration[0] == 0.0 and jerk[0] == 0.0 and snap[0] == 0.0
+    return float(np.max(duration[: 2 if flat else 1]))
+
+
 def _some(motion: Motion, first: int, last: int) -> Motion:
     return Motion._make([column[first:last] for column in motion])
 
@@ -451,11 +534,13 @@ def _after(hand: Part, part: Part) -> Part:
 
 def _cut(part: Part, spans: int) -> tuple[Part, Part]:
     """Split a part within its last `spans` spans, about 30 % of their duration before the end, where |u'''| is
-    smallest; return the final part and the part held back.
+    smallest of the knots at which the motion is in the state of the spline; return the final part and the part held
+    back.
     """
     motion, n = part.motion, len(part.motion.duration)
     left = np.cumsum(motion.duration[::-1])[::-1][n - spans :]
-    here = np.flatnonzero((left <= 1.2 * _HELD * left[0]) & (left >= 0.8 * _HELD * left[0]))
+    exact = np.arange(spans) % _TOGETHER == 0
+    here = np.flatnonzero(exact & (left <= 1.2 * _HELD * left[0]) & (left >= 0.8 * _HELD * left[0]))
     k = n - spans + (int(here[np.argmin(np.abs(motion.jerk[n - spans + here]))]) if len(here) else spans // 2)
     p = int(motion.piece[k])
     last = len(part.pieces.length)

@@ -164,7 +164,8 @@ class Overridden:
                 continue
             lasts = float(part.motion.duration.sum())
             change = self._changes()
-            if change >= self.time + lasts:
+            # what would be left of the part must be longer than rounding
+            if change >= self.time + lasts - _ROUNDING * float(part.motion.duration[-1]):
                 yield self._gone(part)
                 continue
             if part.entering is not None:

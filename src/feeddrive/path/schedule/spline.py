@@ -24,7 +24,7 @@ from typing import NamedTuple
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records, Records2, zeros
 from feeddrive.path.motion import Derivatives, Limits, Motion, Piece, Pieces, cubic, derivatives, interval_of, way
-from feeddrive.path.schedule.ramp import Bounds, Slopes, bounds, boxcars, speed_cap
+from feeddrive.path.schedule.ramp import Bounds, Slopes, bounds, boxcars, duration, speed_cap, straight
 
 _LOOSE = 1.03  # relaxed limit at a violating point, relative to its present share
 _TOUCHES = 1.0 - 1e-6  # larger shares are treated as violations: the penalty would be too steep
@@ -32,6 +32,7 @@ _INWARDS = 0.3  # least penalty while a limit is violated
 _NEARER = 0.1  # least part of the distance to a limit that a step must leave
 # a faster fall saves no steps, since these are limited by the boundary and not by the penalty
 _FALL = 0.25  # factor of the penalty per step
+_VIOLATED = 40  # number of steps after which one that still violates a limit is the last
 _HALVINGS = 12  # largest number of halvings of a step
 _NOT_FORWARD = 1e300  # share returned where u'² is not positive
 SPEEDS = 1
@@ -453,6 +454,7 @@ def quickest(points: Points, coefficient: Floats, penalty: float, last: float, s
     tightened with each step.  If u'² is not initially positive everywhere, nothing is changed and the result is 1.
 
     penalty  initial μ; it is reduced stepwise down to `last`
+    steps    largest number of steps, of which no more than `_VIOLATED` may violate a limit
     """
     share = room.share
     loose = room.loose
@@ -463,12 +465,14 @@ def quickest(points: Points, coefficient: Floats, penalty: float, last: float, s
         share[p] = shares(z, points.r[p], points.most[p], points.looks[p])
         if share[p] >= _NOT_FORWARD:
             return 1
-    for _ in range(steps):
+    for number in range(steps):
         above = 0
         for p in range(len(points.span)):
             loose[p] = 1.0 if share[p] < _TOUCHES else _LOOSE * share[p]
             if share[p] >= 1.0:
                 above = above + 1
+        if above > 0 and number >= _VIOLATED:
+            break
         # violated limits first: with a small penalty the step would go for time and leave them violated
         if above > 0:
             penalty = max(penalty, _INWARDS)
@@ -506,6 +510,15 @@ def quickest(points: Points, coefficient: Floats, penalty: float, last: float, s
 
 
 @kernel
+def uses(points: Points, coefficient: Floats, share: Floats) -> int:
+    """Write the largest utilization of a limit at each point into `share`, or 1e300 where u'² is not positive."""
+    for p in range(len(points.span)):
+        z = at(points.row[p], coefficient, points.span[p])
+        share[p] = shares(z, points.r[p], points.most[p], points.looks[p])
+    return 0
+
+
+@kernel
 def tightened(points: Points, first: int, last: int, axis: int, which: int, factor: float) -> int:
     """Lower the acceleration (`which` 1), jerk (2) or snap (3) limit of an axis at the points from `first` up to but
     excluding `last`: multiply its derivatives by `factor`.
@@ -531,14 +544,17 @@ _SIMPSON = 1.0 / 6.0  # weight of either end of a span in its time; the middle h
 
 
 @kernel
-def tops(pieces: Pieces, limits: Records[Limits], out: Floats, most: Records[Slopes]) -> int:
-    """Write the largest u' allowed by feed and velocity limits on each piece into `out`.
+def tops(pieces: Pieces, limits: Records[Limits], out: Floats, ramps: Floats, most: Records[Slopes]) -> int:
+    """Write the largest u' allowed by feed and velocity limits on each piece into `out`, and the duration, s, of a ramp
+    from rest to it on a straight path into `ramps`.
 
     `most` is workspace for each axis.
     """
     for p in range(len(pieces.length)):
         norm = bounds(Piece(pieces.kind[p], pieces.length[p], pieces.shape[p]), most)
         out[p] = speed_cap(most, norm, pieces.feed[p], limits, 1e30)
+        a, j, s = straight(most, limits)
+        ramps[p] = duration(boxcars(out[p], a, j, s))
     return 0
 
 

@@ -16,8 +16,10 @@ from feeddrive.path.proof import faults_of
 from feeddrive.path.schedule.brake import Moving
 
 _SPANS = 24  # least number of spans
-_MOST = 56  # largest one
+_MOST = 96  # largest one
 _A_PHASE = 1.0  # number of spans in the time j/s of the axes
+_HARD = 1.4  # ratio of T and the time on a straight path, above which spans are half as long
+_FINER = 1.25  # smallest factor by which their number grows with T
 _PARTS = (0.0, 0.5, 1.0)  # of a span: the points; there are more where the proof fails
 _AIM = 0.996  # utilization of the limits there
 _TIGHTER = 0.97  # reduction of a limit in the spans in which the proof fails between the points, and beside them
@@ -31,11 +33,11 @@ _PROGRAMS = 6  # largest number of linear programs for a time
 _LOOKED = 0.5  # utilization above which a limit of velocity is part of a program
 _LONGEST = 3.0  # of the time on a straight path: longer stops are not looked for
 _POWER = 0.35  # a time is multiplied by this power of the utilization that it needs
-_LITTLE = 1.01  # smallest such factor
+_LITTLE = 1.03  # smallest such factor
 _MUCH = 1.15  # largest one
 _WIDEST = 1.8  # of the unit: largest snap, in a direction between the axes
 _EASY = 0.95  # of the aim: a program need not do better
-_PROGRESS = 0.99  # of an excess: a program that leaves more is the last one for a time
+_PROGRESS = 0.9  # of an excess over the aim: a program that leaves more is the last one for a time
 _BACK = 1e-12  # of the present speed: rounding of a speed of 0
 
 
@@ -158,7 +160,7 @@ class _Transcribed:
             u, v = u0 + by_u @ snaps, v0 + by_v @ snaps
             largest = float(np.max(np.abs(value)))
             stays = np.min(v) >= -_BACK * v[0] and u[-1] <= length
-            if stays and (largest <= 1.0 or largest > _PROGRESS * last):
+            if stays and (largest <= 1.0 or largest - 1.0 > _PROGRESS * (last - 1.0)):
                 return snaps, largest
             last = largest
             near = np.any(by_state[:, 2:] != 0.0, axis=1) | (np.abs(value) > _LOOKED)
@@ -223,6 +225,17 @@ def _shape(motion: Motion, n: int, T: float, unit: float) -> np.ndarray:
     return np.diff(changes) * n / T * ratio * ratio / unit
 
 
+def _points(n: int) -> list[tuple[int, float]]:
+    """Return the points of n spans: span, and part of it."""
+    return [(k, part) for k in range(n) for part in _PARTS]
+
+
+def _regridded(snaps: np.ndarray, n: int) -> np.ndarray:
+    """Return the mean snap on each of n spans of the same time."""
+    changes = np.concatenate([[0.0], np.cumsum(snaps)]) / len(snaps)
+    return np.diff(np.interp(np.linspace(0.0, 1.0, n + 1), np.linspace(0.0, 1.0, len(snaps) + 1), changes)) * n
+
+
 def quickest_stop(
     pieces: Pieces, state: Moving, straight: Motion, known: Motion | None, limits: np.ndarray
 ) -> Motion | None:
@@ -237,17 +250,22 @@ def quickest_stop(
     _, _, jerk, snap = limits.T
     unit, lasts = float(np.max(snap)), float(straight.duration.sum())
     longest = _LONGEST * lasts if known is None else float(known.duration.sum())
-    n = min(max(_SPANS, int(_A_PHASE * lasts / np.max(jerk / snap))), _MOST)
-    aims = np.full((n, *limits.shape), _AIM)
-    points = [(k, part) for k in range(n) for part in _PARTS]
+    aims, points = np.zeros((0, *limits.shape)), list[tuple[int, float]]()
 
     def at(lasts: float, snaps: np.ndarray) -> tuple[_Transcribed, np.ndarray, float]:
         tried = _Transcribed(pieces, state, limits, lasts, points, aims, unit)
         return tried, *tried.least(snaps)
 
     # longer and longer, each begun with the last one: the path taken changes little
-    low, snaps, use = 0.0, _shape(straight, n, lasts, unit), np.inf
+    low, snaps, use = 0.0, np.zeros(0), np.inf
     while longest > lasts:
+        # where a stop takes much longer than on a straight path, the path turns faster than such spans can follow
+        hard = lasts > _HARD * straight.duration.sum()
+        n = int((2.0 if hard else 1.0) * _A_PHASE * lasts / np.max(jerk / snap))
+        n = min(max(_SPANS, n), _MOST)
+        if n > _FINER * len(aims):
+            aims, points = np.full((n, *limits.shape), _AIM), _points(n)
+            snaps = _regridded(snaps, n) if len(snaps) else _shape(straight, n, lasts, unit)
         _, snaps, use = at(lasts, snaps)
         if use <= 1.0:
             break
@@ -262,15 +280,21 @@ def quickest_stop(
             lasts, snaps = middle, found
         else:
             low = middle
+    failed = False
     for _ in range(_ROUNDS):
         if longest <= lasts:
             break
+        if failed and 2 * len(aims) <= _MOST:
+            # the path turns within spans: more points in them would only make the stop longer
+            failed, n = False, 2 * len(aims)
+            aims, points, snaps = np.full((n, *limits.shape), _AIM), _points(n), _regridded(snaps, n)
         tried, snaps, use = at(lasts, snaps)
         if use <= 1.0:
             motion = tried.motion(snaps)
             faults = faults_of(pieces, motion, limits)
             if not len(faults):
                 return motion
+            failed = True
             for _, where, t, which, _ in faults:
                 if which < -1:  # a jump or a backward motion, which lower limits would not remove
                     return known
