@@ -325,8 +325,8 @@ def test_the_characteristic_polynomial_is_that_of_the_simulated_loop(dead: float
     for late in (0, 1):
         found = box_check.characteristic(bodies, control, late, 512)
         assert all(span.high - span.low < 1 << 200 for span in found)
-        chain = draws.Chain(np.array([[40.0, 90.0]]), np.array([[5e7]]), np.array([900.0]), np.array([0.0, 50.0]), 0)
-        plants = draws.held(chain, np.array([late]), loop)
+        bodies_of_two = draws.chain(np.array([[40.0, 90.0]]), np.array([[5e7]]), [900.0], [0.0, 50.0])
+        plants = draws.held(bodies_of_two, np.array([late]), loop)
         growth = float(draws.closed_eigenvalues(plants, draws.linear_law(loop.control, 2e-4, 0.05))[0])
         roots = np.roots([float(Fraction(span.low, 1 << 512)) for span in reversed(found)])
         assert float(np.max(np.abs(roots))) == pytest.approx(growth, abs=1e-6)
