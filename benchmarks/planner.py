@@ -1,11 +1,13 @@
 """Part programs to proven setpoints: lines a minute, memory, the first call.
 
-    python benchmarks/planner.py [--blocks 100000] [--file PATH] [--memory] [--first]
+    python benchmarks/planner.py [--blocks 100000] [--file PATH] [--memory] [--first] [--threads 1]
 
 Programs of chords: a curve with chords of 50 µm and of 1 mm, zigzags with corners of 20 degrees, arcs with short lines.
 `--file` takes a part program instead, repeated to 5,000 lines.
 `--memory` reads a program of a million lines from a file, and says how memory grows from its first ten thousand on.
 `--first` is the first plan in a fresh process, without machine code on disk and with it.
+`--start` is the command `plan` on a file of 100 lines, without and with machine code on disk, and what only imports.
+With `--threads 2` the table has the lines a minute of real time on one thread and on two, in turn; the load counts.
 """
 
 from __future__ import annotations
@@ -121,7 +123,31 @@ def speed(name: str, given: list[Move]) -> None:
     print(f"| {name} | {60 * count / planning:.2g} | {60 * count / (planning + proving):.2g} |", flush=True)
 
 
-def memory(count: int) -> None:
+def walls(name: str, given: list[Move], threads: int) -> None:
+    """A row: lines a minute of real time, planned and proven, on one thread and on several; the best of three each."""
+    count, best, took = len(given) - 2, {1: 1e99, threads: 1e99}, {1: 1e99, threads: 1e99}
+    for _ in range(4):
+        for number in best:
+            prover, begun, cpu = Prover(LIMITS), time.monotonic(), time.process_time()
+            for each in planned(given, "XYZ", LIMITS, threads=number):
+                if not isinstance(each, Pause):
+                    prover.prove(each)
+            if prover.proof().count:
+                raise SystemExit(f"{name}: {prover.proof()}")
+            best[number] = min(best[number], time.monotonic() - begun)
+            took[number] = min(took[number], time.process_time() - cpu)
+    rates = [60 * count / best[number] for number in (1, threads)]
+    cells = [
+        f"{rates[0]:.3g}",
+        f"{rates[1]:.3g}",
+        f"{rates[1] / rates[0]:.2f}",
+        f"{took[1]:.2f}",
+        f"{took[threads]:.2f}",
+    ]
+    print(f"| {name} | {' | '.join(cells)} | {os.getloadavg()[0]:.1f} |", flush=True)
+
+
+def memory(count: int, threads: int) -> None:
     """Reads, plans, proves and samples a program of `count` lines."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "long.ngc"
@@ -141,7 +167,7 @@ def memory(count: int) -> None:
                     seen.append(resident())
 
         prover, sampler, begun, samples = Prover(LIMITS), Sampler(1e-3), time.process_time(), 0
-        for each in planned(counted(), "XYZ", LIMITS):
+        for each in planned(counted(), "XYZ", LIMITS, threads=threads):
             if not isinstance(each, Pause):
                 prover.prove(each)
                 samples += len(sampler.sample(each))
@@ -159,6 +185,58 @@ def first() -> None:
                 asked, env={**os.environ, "XDG_CACHE_HOME": cache}, capture_output=True, text=True, check=True
             )
             print(f"first plan, {what}: {said.stdout.strip()}")
+
+
+def start(repeats: int = 5) -> None:
+    """The processor time of the command on 100 lines of `mixed`, the least of some runs; a fresh cache for each."""
+    main = ["-c", "from feeddrive.cli import main; main()"]
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "part.ngc"
+        program.write_text(_text(100), encoding="utf-8")
+        plan = [*main, "plan", str(program), "--machine", "mill", "--out", f"{folder}/out"]
+        commands = {
+            "import feeddrive": ["-c", "import feeddrive"],
+            "--help": [*main, "--help"],
+            "plan --help": [*main, "plan", "--help"],
+            "plan of a file that is not there": [*main, "plan", "nowhere.ngc", "--machine", "mill"],
+            "plan": plan,
+            "plan --no-pictures": [*plan, "--no-pictures"],
+        }
+        print("| s of processor time | nothing on disk | machine code on disk |\n|---|--:|--:|")
+        for name, command in commands.items():
+            cold, warm = list[float](), list[float]()
+            for _ in range(repeats):
+                with tempfile.TemporaryDirectory() as cache:
+                    cold.append(_spent(command, cache))
+                    # a few more, since kernels that have run long are compiled again, thoroughly
+                    warm += [_spent(command, cache) for _ in range(6 if command[2] == "plan" else 1)][-2:]
+            print(f"| {name} | {min(cold):.2f} | {min(warm):.2f} |", flush=True)
+
+
+def _spent(command: list[str], cache: str) -> float:
+    """User and system time of a process, s."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    os.chmod(cache, 0o700)
+    env = {**os.environ, "FEEDDRIVE_CACHE": cache}
+    subprocess.run([sys.executable, *command], env=env, capture_output=True, check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _text(count: int) -> str:
+    """A part program with arcs and short lines."""
+    lines = ["G21 G90 G17 G64 P0.01 F3000"]
+    for move in mixed(count - 2, 1e-5, 0.05):
+        if isinstance(move, Arc | Straight):
+            (x, y), word = (1e3 * value for value in move.end[:2]), "G1"
+            center = ""
+            if isinstance(move, Arc):
+                word = "G3" if move.turns > 0 else "G2"
+                center = " ".join(
+                    f" {name}{1e3 * (c - s):.6f}" for name, c, s in zip("IJ", move.center, move.start, strict=False)
+                )
+            lines.append(f"{word} X{x:.6f} Y{y:.6f}{center}")
+    return "\n".join([*lines[: count - 1], "M2", ""])
 
 
 def child() -> None:
@@ -181,22 +259,38 @@ if __name__ == "__main__":
     parser.add_argument("--file", type=Path)
     parser.add_argument("--memory", action="store_true")
     parser.add_argument("--first", action="store_true")
+    parser.add_argument("--start", action="store_true")
+    parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--child", action="store_true")
     asked = parser.parse_args()
     if asked.child:
         child()
     elif asked.memory:
-        memory(max(asked.blocks, 10 * EVERY))
+        memory(max(asked.blocks, 10 * EVERY), asked.threads)
     elif asked.first:
         first()
+    elif asked.start:
+        start()
     elif asked.file:
         speed(f"{asked.file.name}, repeated", repeated(asked.file, 5000))
     else:
-        print("| lines | planned a minute | and proven |\n|---|--:|--:|")
         n = asked.blocks
-        speed("curve, chords of 50 um, within 10 um", list(moves(curve(5e-5, n), 1e-5, 0.1)))
-        speed("curve, chords of 1 mm, within 10 um", list(moves(curve(1e-3, n // 10), 1e-5, 0.1)))
+        programs = {
+            "curve, chords of 50 um, within 10 um": list(moves(curve(5e-5, n), 1e-5, 0.1)),
+            "curve, chords of 1 mm, within 10 um": list(moves(curve(1e-3, n // 10), 1e-5, 0.1)),
+        }
         for step, tolerance in ((1e-3, 1e-5), (1e-3, 1e-6), (5e-3, 1e-5)):
             what = f"zigzag of 20 degrees, {1e3 * step:g} mm, within {1e6 * tolerance:g} um"
-            speed(what, list(moves(zigzag(step, n // 10), tolerance, 0.1)))
-        speed("arcs of 2 to 6 mm mixed with short lines, within 10 um", list(mixed(n // 10, 1e-5, 0.05)))
+            programs[what] = list(moves(zigzag(step, n // 10), tolerance, 0.1))
+        what = "arcs of 2 to 6 mm mixed with short lines, within 10 um"
+        programs[what] = list(mixed(n // 10, 1e-5, 0.05))
+        if asked.threads > 1:
+            head = f"on {asked.threads}"
+            print(f"| lines a minute of real time | on 1 thread | {head} | ratio | CPU, s | CPU {head}, s | load |")
+            print("|---|--:|--:|--:|--:|--:|--:|")
+            for what, given in programs.items():
+                walls(what, given, asked.threads)
+            raise SystemExit
+        print("| lines | planned a minute | and proven |\n|---|--:|--:|")
+        for what, given in programs.items():
+            speed(what, given)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from feeddrive import cli
-from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group, effort_of, matched
+from feeddrive.benchmark.benchmark import FIGURES, HEADS, Benchmark, Group, effort_of, matched, search
 from feeddrive.benchmark.rules import Rules, folder, read_rules
 from feeddrive.benchmark.standings import (
     drawn_tables,
@@ -27,8 +27,8 @@ from feeddrive.evaluation.competitor import Competitor, Plant
 from feeddrive.evaluation.designs import Designs
 from feeddrive.evaluation.lineup import Lineup, Trial
 from feeddrive.evaluation.robustness import Design, Tuning
-from feeddrive.figures import of_loops
-from feeddrive.language.errors import ParameterError
+from feeddrive.figures import of_loops, of_runs
+from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.language.progress import Progress
 from feeddrive.loop.box import Box
 from feeddrive.plot.registry import chart_of
@@ -140,6 +140,31 @@ def test_every_law_tunes_a_low_pass_and_where_there_is_a_resonance_a_notch() -> 
     assert all(plant.rule.filters == "free" and plant.rule.box is not None for plant in RULES.plants.values())
 
 
+@pytest.mark.parametrize(("laws", "tuned"), [(["DADSC"], {"DADSC"}), ([], {PLAIN, "DADSC", "LADRC"})])
+def test_named_laws_are_tuned_to_the_noise_of_the_stored_p_pi(
+    laws: list[str], tuned: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A law is searched under the bound of the stored designs, or P-PI is searched with it."""
+    rules = RULES.varied_by(RULES.variant[0])
+    bounds: dict[str, float | None] = {}
+
+    def repeated(self: Tuning, _: Progress) -> None:
+        bounds[self.name] = self.rule.noise
+        raise UnstableError("not searched")
+
+    monkeypatch.setattr(Tuning, "repeated", repeated)
+    search(rules, [rules.plants[QUICK]], tmp_path, laws=laws)
+    assert {*bounds} & {PLAIN, "DADSC", "LADRC"} == tuned
+    stored = Designs(rules.designs(), QUICK, rules.version).design("DADSC")
+    assert stored is not None
+    # without a P-PI there is no bound
+    assert bounds["DADSC"] == (None if PLAIN in tuned else pytest.approx(stored.noise, rel=1e-4))
+    kept = {path.stem for path in rules.designs(tmp_path).rglob("*.json")}
+    assert {"dadsc"} <= kept
+    # what is only read is not written to the user's folder
+    assert ("p_pi" in kept) == (PLAIN in tuned)
+
+
 def test_laws_that_are_left_out_take_no_part() -> None:
     names = {law.name for law in RULES.lineup(RULES.plants[QUICK]).possible}
     assert "DADSC" in names
@@ -238,6 +263,20 @@ def test_the_places_say_what_is_better_than_the_cascade(views: tuple[list[float]
     assert list(map(str, scores[1:])) == [f"{ratio} ({ratio} to {ratio})" for ratio in ratios]
 
 
+def test_a_law_without_a_finite_error_may_have_a_place_while_cutting() -> None:
+    """GPC reads the motor alone and lets the table go, but does not shake it."""
+    cutting = of_runs.CUTTING_RMS.key
+
+    def cuts(one: Competitor, error: float) -> Competitor:
+        return replace(one, draws=tuple({**draw, cutting: error} for draw in one.draws))
+
+    found = made(cuts(row(A, PLAIN, [2.0, 2.0]), 3.0), cuts(row(A, "soft", [math.inf, math.inf]), 1.0))
+    (group,) = found.groups()
+    assert [line[1] for line in ranked_table(found, group).rows] == [PLAIN]
+    places = {str(line[0]): line[5:] for line in places_table(found, group).rows}
+    assert places == {PLAIN: ["2", None], "soft": ["1", "better"]}
+
+
 def test_a_search_that_is_not_settled_is_marked_and_shown() -> None:
     design = Design("new", A, 2, unsettled="by hand", agreed=(1, 7), evaluations=400)
     found = made(row(A, PLAIN, [2.0, 2.0]), row(A, "new", [1.0, 1.0], tuned=design))
@@ -333,7 +372,7 @@ def test_stored_designs_belong_to_the_present_code_and_keep_their_bounds(place: 
 
 @pytest.mark.slow(reason="two laws are searched over a box and judged on drawn machines")
 def test_from_a_search_over_the_box_to_the_tables(tmp_path: Path) -> None:
-    from feeddrive.benchmark.benchmark import score, search
+    from feeddrive.benchmark.benchmark import score
 
     rules = replace(RULES, draws=2, plant=tuple(section for section in RULES.plant if section.job in (A, B)))
     plants = list(rules.plants.values())

@@ -25,9 +25,11 @@ from feeddrive.blocks.plant.two_mass import TwoMass
 from feeddrive.blocks.sensor.encoder import Encoder
 from feeddrive.certificate import box_check, box_proof
 from feeddrive.certificate.box_proof import document, prove_over_box
+from feeddrive.certificate.systems import deployed
 from feeddrive.loop.axis import Axis
 from feeddrive.loop.box import Box
 from feeddrive.loop.control import Control
+from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.loop import Loop
 from feeddrive.workflow.certify import CertifyRequest, certify
 from feeddrive.workflow.check import CheckRequest, check
@@ -314,15 +316,17 @@ class StateOf:
 def test_the_characteristic_polynomial_is_that_of_the_simulated_loop(dead: float, bandwidth: float | None) -> None:
     """Its roots against the eigenvalues of the loop that `benchmarks/box.py` builds of its own matrices."""
     loop = two_masses(dead, bandwidth)
-    content = written(loop, Box(0.1, 0.1, 1), None)
+    model = deployed(loop.control, float(loop.sample_time)).model
+    assert isinstance(model, StateSpace)
+    content = box_proof.stated(loop, Box(0.1, 0.1, 1), model)
     control = box_check.control_of(content["control"])
     bodies = box_check.bodies_of(content, control.readings)
     draws = box_draws()
     for late in (0, 1):
         found = box_check.characteristic(bodies, control, late, 512)
         assert all(span.high - span.low < 1 << 200 for span in found)
-        chain = draws.Chain(np.array([[40.0, 90.0]]), np.array([[5e7]]), np.array([900.0]), np.array([0.0, 50.0]), 0)
-        plants = draws.held(chain, np.array([late]), loop)
+        bodies_of_two = draws.chain(np.array([[40.0, 90.0]]), np.array([[5e7]]), [900.0], [0.0, 50.0])
+        plants = draws.held(bodies_of_two, np.array([late]), loop)
         growth = float(draws.closed_eigenvalues(plants, draws.linear_law(loop.control, 2e-4, 0.05))[0])
         roots = np.roots([float(Fraction(span.low, 1 << 512)) for span in reversed(found)])
         assert float(np.max(np.abs(roots))) == pytest.approx(growth, abs=1e-6)

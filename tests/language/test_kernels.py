@@ -11,7 +11,6 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
-from weakref import WeakSet
 
 import kernel_beside
 import kernel_constructs
@@ -22,7 +21,7 @@ import pytest
 from feeddrive.language import ops
 from feeddrive.language.kernels import kernel as module
 from feeddrive.language.kernels.elementary import floor_division
-from feeddrive.language.kernels.kernel import _DATA, _WORD_AT, QUICK, THOROUGH, Kernel, Unit, interpreted
+from feeddrive.language.kernels.kernel import _DATA, _WORD_AT, QUICK, THOROUGH, Kernel, interpreted
 from feeddrive.language.kernels.source import KernelError
 from fresh_draws import Seeded
 from kernel_oracle import bits, compare, drawn, written
@@ -495,10 +494,9 @@ def test_a_kernel_of_another_file_is_compiled_there_alone(tmp_path: Path, monkey
 
 
 def test_code_that_has_run_long_is_made_again_thoroughly(tmp_path: Path, monkeypatch: Any):
-    """After 0.25 s in quick code of all kernels; the next process takes it from the disk, a new kernel is made so."""
+    """After 0.25 s in quick code of a file, in all processes; the next process takes it from the disk."""
     monkeypatch.setenv("FEEDDRIVE_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(Unit, "spent", 0.0)
-    monkeypatch.setattr(module, "_used", WeakSet())
+    monkeypatch.setattr(module, "_quick", [])
     text = (
         "@kernel\ndef f(n: int) -> float:\n    x = 0.0\n    for k in range(n):\n        x = x + k / 3.0\n    return x\n"
     )
@@ -507,19 +505,38 @@ def test_code_that_has_run_long_is_made_again_thoroughly(tmp_path: Path, monkeyp
     assert kernel.unit.quick
     quick = kernel.unit.code.key
     kernel.unit.ran(0.24)
+    other.unit.ran(0.23)
     assert kernel.unit.quick
-    other.unit.ran(0.02)
+    assert other.unit.quick
+    kernel.unit.ran(0.02)
     assert not kernel.unit.quick
-    assert not other.unit.quick
+    assert other.unit.quick
     assert kernel.unit.code.key != quick
     assert (kernel(10), other(10)) == (first, second)
-    later = made(tmp_path, text.replace("3.0", "5.0"))
-    assert later(10) == 9.0
-    assert not later.unit.quick
-    monkeypatch.setattr(Unit, "spent", 0.0)
-    again = made(tmp_path, text)
-    assert again(10) == first
+    module._remember()
+    # as in later processes: the one is on the disk, and the other has run for 0.23 s
+    again, later = made(tmp_path, text), made(tmp_path, text.replace("3.0", "7.0"))
+    assert (again(10), later(10)) == (first, second)
     assert not again.unit.quick
+    assert later.unit.quick
+    later.unit.ran(0.03)
+    module._remember()
+    assert not later.unit.quick
+
+
+def test_a_file_that_ran_long_in_earlier_processes_is_made_thoroughly_at_once(tmp_path: Path, monkeypatch: Any):
+    """A damaged record of that time counts as none."""
+    monkeypatch.setenv("FEEDDRIVE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(module, "_quick", [])
+    text = "@kernel\ndef f(x: float) -> float:\n    return x / 3.0\n"
+    for spent, quick in (("0.24", True), ("0.26", False), ("?", True)):
+        kernel = made(tmp_path, text)
+        for file in (tmp_path / "cache").glob("*.o"):
+            file.unlink()
+        (tmp_path / "cache").mkdir(mode=0o700, exist_ok=True)
+        (tmp_path / "cache" / f"{kernel.unit.key}.s").write_text(spent)
+        assert kernel(6.0) == 2.0
+        assert kernel.unit.quick is quick
 
 
 def test_files_whose_kernels_call_each_other_are_refused(tmp_path: Path, monkeypatch: Any):

@@ -148,3 +148,49 @@ def test_growth_of_lanes_is_that_of_each_matrix() -> None:
     a = [[np.array([0.5, np.inf, 3.0]), 1.0], [0.0, np.array([2.0, 1.0, 0.25])]]
     np.testing.assert_allclose(matrix.growth(a), [2.0, np.inf, 3.0], rtol=1e-14)
     assert matrix.growth([[0.0, 2.0], [-2.0, 0.0]]) == pytest.approx(2.0, rel=1e-14)
+
+
+@given(sizes, seeds)
+def test_products_of_numbers_are_the_sums_of_dot_and_keep_literal_zeros(n: int, seed: int):
+    random = np.random.default_rng(seed)
+
+    def sparse() -> matrix.Matrix:
+        # literal zeros, which cause no operation, beside computed ones, infinity and NaN
+        chosen = (0.0, np.float64(0.0), np.float64(-0.0), np.float64(np.inf), np.float64(np.nan))
+        return tuple(
+            tuple(
+                chosen[random.integers(5)] if random.random() < 0.5 else np.float64(random.normal()) for _ in range(n)
+            )
+            for _ in range(n)
+        )
+
+    a, b = sparse(), sparse()
+    with np.errstate(all="ignore"):
+        expected = [[matrix.dot(row, column) for column in zip(*b, strict=True)] for row in a]
+    for row, wanted in zip(matrix.multiply(a, b), expected, strict=True):
+        # of NaN no bits: its sign may differ
+        assert [(type(x), str(x)) for x in row] == [(type(x), str(x)) for x in wanted]
+
+
+@pytest.mark.parametrize("radius", [0.5, 1.0 - 1e-9, 1.0, 1.0 + 1e-9, math.nan])
+def test_matrices_decay_together_if_each_of_them_does(radius: float):
+    def turning(size: float) -> matrix.Matrix:
+        return rows(size * np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]]))
+
+    several = [turning(size) for size in (0.1, radius, 0.999)]
+    alone = [bool(matrix.decays(one)) for one in several]
+    assert alone == [True, radius < 1.0, True]
+    assert bool(matrix.all_decay(several)) == all(alone)
+    # variants of an array are judged one by one
+    lanes = [tuple(tuple(np.array([x, 0.5 * x]) for x in row) for row in one) for one in several]
+    assert np.array_equal(matrix.all_decay(lanes), [radius < 1.0, not math.isnan(radius)])
+
+
+def test_of_matrices_of_symbols_each_is_a_condition():
+    graph = Graph()
+    size = graph.input("size")
+    holds = matrix.all_decay([[[size]], [[0.5 * size]], [[np.float64(0.5)]]])
+    names = [node[0] for node in graph.nodes]
+    assert isinstance(holds, Symbol)
+    assert names.count("decays") == 2
+    assert names[holds.index] == "and"

@@ -84,6 +84,15 @@ def test_in_the_cone_at_the_pole_the_table_turns_evenly(tmp_path: Path) -> None:
     assert sum(move.off > 0.0 for move in wide) == 3
 
 
+def test_a_run_that_begins_in_the_cone_turns_the_table_from_where_it_stood(tmp_path: Path) -> None:
+    text = "G43.5 H0\nG0 X0 Z50 K1\nG1 X1 K1\nX2 K1\nX3 I0.0002 K1\nX4 I0.02 K1"
+    found = rotary(straight(tmp_path, text, turning=Turning(cone=math.radians(0.025))))[1]
+    # the approach of 30 mm has most of the way, and each mm of the feed the same
+    steps = np.abs(np.diff(found[:-1]))
+    assert steps[0] == pytest.approx(math.pi / 2.0 / 34.0, rel=0.05)
+    assert np.abs(steps - steps[0]).max() < 0.05 * steps[0]
+
+
 @pytest.mark.parametrize("mode", ["G61", "G64"])
 def test_without_a_tolerance_there_is_no_cone(tmp_path: Path, mode: str) -> None:
     cone = Turning(cone=math.radians(0.025))

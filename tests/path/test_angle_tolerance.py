@@ -12,7 +12,7 @@ import pytest
 from five_axes import TRUNNION, blade, blocks, farthest, tip_feeds
 
 import feeddrive as fd
-from feeddrive.files.part_program import plan_record
+from feeddrive.files.plan_files import plan_record
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.path.geometry.segments import chains
 from feeddrive.path.geometry.weights import ANGLE_TOLERANCE, Weights

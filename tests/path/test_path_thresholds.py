@@ -265,7 +265,7 @@ def test_chains_of_up_to_100_segments_are_planned_in_two_ways(
 
     monkeypatch.setattr(setpoints, "Joiner", Joiner)
     chain = Chain(lines(np.zeros((2, 3)) + np.arange(2)[:, None], 0.1), np.zeros(count), True)
-    setpoints._quicker(chain, LIMITS, 1.0)
+    setpoints._quicker(chain, setpoints._Frame(LIMITS, None, None), 1.0)
     assert bool(made) is twice
 
 
@@ -501,9 +501,9 @@ def test_next_to_an_arc_only_corners_of_more_than_a_fifth_of_a_radian_stop(turn:
 @pytest.mark.parametrize(("turn", "tried"), [(1.5e-9, False), (3e-9, True)])
 def test_a_turn_of_2e_9_is_a_corner_that_may_be_passed_in_time(turn: float, tried: bool) -> None:
     chain = Chain(line_and_arc(turn), np.full(2, 1e-5), True)
-    whole = setpoints._quicker(chain, LIMITS, 1.0)
-    assert whole is not None
-    assert (whole[2] is not None) is tried
+    joined = setpoints._quicker(chain, setpoints._Frame(LIMITS, None, None), 1.0)
+    assert joined is not None
+    assert (joined.parts is not None) is tried
 
 
 @pytest.mark.parametrize(("turn", "least", "most"), [(0.7e-3, 0.035, 0.05), (1.5e-3, 0.12, 1.0)])
@@ -683,6 +683,32 @@ def test_the_four_time_intervals_of_half_a_ramp_have_seven_spans() -> None:
     assert 5 < spans / 10 < 10
 
 
+def test_spans_are_no_longer_than_a_fourteenth_of_a_ramp_from_rest_on_a_line() -> None:
+    """However slow the plan is: it is that of a window whose slow pieces make its ramps long."""
+    from_rest = sum(ramp.boxcars(float(LIMITS[0, 0]), *LIMITS[0, 1:].tolist()))
+    widest = np.max(np.diff(knot_times(np.full(4, 2.0 * from_rest), 0.1, 0.0)))
+    assert 0.8 < widest * 14.0 / from_rest < 1.2
+
+
+def test_limits_are_lowered_by_less_within_eight_spans_of_a_given_state() -> None:
+    assert lift._reduced(100)[[0, 3, 6, 7, 50, 99]].tolist() == pytest.approx([1 / 64, 1 / 4, 49 / 64, 1, 1, 1 / 64])
+
+
+def test_a_section_is_tried_with_spans_of_three_lengths(monkeypatch: pytest.MonkeyPatch) -> None:
+    tries = list[int]()
+
+    def fails(_: object, motion: Motion, end: object, spans: int, factors: object, finer: np.ndarray) -> Any:
+        tries.append(int(finer[1]))
+        return None, np.arange(5.0), np.array([1])
+
+    monkeypatch.setattr(lift._Path, "_tried", fails)
+    zero = np.zeros(4)
+    motion = Motion(np.ones(4), np.zeros(4, np.int64), zero, zero + 1.0, zero, zero, zero)
+    path = lift._Path(lines(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), 10.0), LIMITS)
+    assert path._between(motion, spline.State(1.0, 0.0, 0.0), 0, (1.0, 1.0)) is None
+    assert tries == [1, 2, 4]
+
+
 @pytest.mark.parametrize(("share", "follows"), [(0.014, False), (0.03, True)])
 def test_spans_follow_time_intervals_down_to_a_fiftieth_of_their_mean(share: float, follows: bool) -> None:
     """A span lasts a seventh of four intervals; those of rounding must not set its duration."""
@@ -838,6 +864,19 @@ def test_a_step_leaves_a_tenth_of_the_distance_to_a_limit(search: Search) -> Non
         before, after = (search.shares(search.run(share, 1e-9, 1e-9, steps)) for steps in (0, 1))
         left.append(float(np.min((1.0 - after) / (1.0 - before))))
     assert 0.1 - 1e-9 <= min(left) < 0.15
+
+
+@pytest.mark.parametrize(("distance", "moves"), [(1.5e-3, True), (1e-5, False)])
+def test_a_step_is_halved_up_to_twelve_times(distance: float, moves: bool, search: Search) -> None:
+    """Without a penalty a step is two thirds of z: 9 halvings to a distance of 0.15 %, 16 to 0.001 %."""
+    assert bool(np.any(search.run(1.0 - distance, 1e-12, 1e-12, 1) != search.run(1.0 - distance, 0.0, 0.0, 0))) is moves
+
+
+def test_forty_steps_may_violate_a_limit(search: Search) -> None:
+    """The given state at either end does, so that no step can mend it."""
+    few, enough, many = (search.run(1.5, 0.1, 0.1, steps).tolist() for steps in (25, 60, 200))
+    assert few != enough
+    assert enough == many
 
 
 @pytest.mark.parametrize(("last", "ends"), [(0.2, False), (0.4, True)])

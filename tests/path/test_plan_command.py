@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -111,6 +112,24 @@ def test_the_report_shows_path_limits_profiles_and_stops(tmp_path: Path) -> None
     assert "<script" not in page
     assert len(page) < 1_000_000
     assert plan(part(tmp_path, "F600 G1 X5\nM2\n"), machine="emps", limits=one_axis(tmp_path)).plot() is not None
+
+
+def test_a_report_without_pictures_needs_no_matplotlib(tmp_path: Path) -> None:
+    """In a process of its own; counts of one are in the singular."""
+    out = tmp_path / "out"
+    program = part(tmp_path, "G61 G1 X60 F3000\nY20\nM2\n")
+    code = (
+        "import sys, feeddrive as fd\n"
+        f"fd.workflow.plan({str(program)!r}, machine='mill', out={str(out)!r}, no_pictures=True)\n"
+        "print(*(name for name in ('matplotlib', 'pandas', 'scipy') if name in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "<svg" not in page
+    assert "Limits" in page
+    assert "with 1 stop." in page
+    assert "2, in 2 runs from rest to rest" in page
 
 
 def one_axis(folder: Path) -> Path:
@@ -433,7 +452,7 @@ def test_a_long_part_is_sampled_in_slices(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("no_report")
 def test_stops_that_are_too_many_for_the_plan_stand_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("path.planned", "files.part_program"):
+    for module in ("path.planned", "files.plan_files"):
         monkeypatch.setattr(sys.modules[f"feeddrive.{module}"], "FEW", 10)
     rows = "".join(f"G4 P0.001\nX{k % 2}\n" for k in range(1, 13))
     out = tmp_path / "out"

@@ -19,7 +19,7 @@ from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof import Prover
 from feeddrive.path.setpoints import Sampler, planned
 from feeddrive.path.tip_proof import TipProver
-from feeddrive.path.turning import Parts, in_plane
+from feeddrive.path.turning import Parts, Swing, in_plane
 
 TRUNNION = Kinematics.of("table_table", "AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
 LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3 + [[5.0, 30.0, 600.0, 3e5], [10.0, 50.0, 1000.0, 5e5]])
@@ -75,6 +75,27 @@ def test_no_sample_is_farther_from_the_plane_than_the_bound(how: Orientation) ->
 @pytest.mark.parametrize("how", PLANES)
 def test_no_sample_of_many_blocks_is_farther_than_the_bound(how: Orientation) -> None:
     compare(how, 300)
+
+
+@pytest.mark.parametrize("how", PLANES)
+def test_the_bound_holds_over_any_part(how: Orientation) -> None:
+    """Over whole blocks, which turn by up to 1 rad and whose joints are off the arc at one end by up to 0.1 rad: the
+    largest distance is mostly there."""
+    draw, ratios = np.random.default_rng(4), list[float]()
+    for _ in range(40):
+        kinematics = machine(draw)
+        begin = draw.uniform(-1.0, 1.0, 2)
+        end = begin + draw.normal(size=2) * 10.0 ** draw.uniform(-2.0, -0.3)
+        arc = Swing.between(kinematics, begin, end, how, 0.0)
+        off = end + draw.normal(size=2) * 10.0 ** draw.uniform(-4.0, -1.0)
+        bound = float(arc.distances(np.stack([begin, off], axis=1), np.array([0.0, 1.0]))[0])
+        x = np.linspace(0.0, 1.0, 33)
+        here = np.array(kinematics.tool_axis(begin[:, None] + x * (off - begin)[:, None]))
+        interpolate = interpolate_plane if how == "plane" else interpolate_vector
+        far = angle_between(here, interpolate(arc.first[:, None], arc.last[:, None], x)).max()
+        assert far <= bound + 1e-12
+        ratios.append(bound / far)
+    assert np.median(ratios) < 2.0
 
 
 def test_a_block_that_turns_by_little_is_one_part() -> None:

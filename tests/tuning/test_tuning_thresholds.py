@@ -446,6 +446,18 @@ def test_searches_within_5_percent_confirm_each_other(apart: float, confirmed: b
     assert (unconfirmed(search, ends, ["start", "population", "continuation"]) == "") is confirmed
 
 
+@pytest.mark.parametrize(
+    ("broken", "said"), [(0.0, "60 % above the best"), (0.002, "outside of the bounds"), (None, "none")]
+)
+def test_a_search_that_did_not_reach_the_best_says_where_it_ended(broken: float | None, said: str) -> None:
+    """The merit of a loop that exceeds a bound has a penalty in it, and is no distance to the best."""
+    search = Search(None, np.zeros(1), np.ones(1))  # type: ignore[arg-type]
+    ends = [ended(0.0), ended(0.0)]
+    if broken is not None:
+        ends.append(ended(float(np.log(1.6)))._replace(broken=broken))
+    assert said in str(unconfirmed(search, ends, ["start", "population", "continuation"][: len(ends)]))
+
+
 @pytest.mark.parametrize(("slack", "kept"), [(0.0014, True), (0.0007, False)])
 def test_a_search_keeps_a_thousandth_to_each_limit_for_what_lies_between_lines(slack: float, kept: bool) -> None:
     search = Search(None, np.zeros(1), np.ones(1))  # type: ignore[arg-type]

@@ -449,22 +449,25 @@ def search(
     *,
     laws: Sequence[str] = (),
     engine: Engine | None = None,
-    stored: bool = False,
     progress: Progress | None = None,
 ) -> None:
     """Tune laws on plants, and write each design to `keep` as soon as it is found.
 
-    stored  use the designs stored in the package as well
+    laws  names of the laws to tune; default: all
 
-    A law whose stored design is not stale is not tuned again, so an interrupted search can be resumed. `engine` runs
-    the searches; its store is replaced by the designs in `keep`.
+    A law whose design in `keep` is not stale is not tuned again, so an interrupted search can be resumed.  P-PI, which
+    sets the bound on the noise, is taken from the package unless it is among the laws: tuned again by a later version
+    it may have another noise at nearly the same error, and the found designs would not belong to the stored ones.
+    `engine` runs the searches; its store is replaced by the designs in `keep`.
     Raises FileError if the folder cannot be written, CancelledError if cancelled.
     """
     engine, progress = engine or Engine(), progress or Progress()
     for plant in plants:
         lineup = rules.lineup(plant)
         searched = (lineup.only(laws) if laws else lineup).searched
-        designs = Designs(rules.designs(keep), plant.name, rules.version, (rules.designs(),) if stored else ())
+        designs = Designs(rules.designs(keep), plant.name, rules.version)
+        if laws and PLAIN not in laws:
+            designs = replace(designs, also=(rules.designs(),), shared=(PLAIN,))
         engine_of_plant = replace(engine, store=designs)
         bar = Bar(progress, Tuning.stages * len(searched))
         outcomes, _ = tuned_all(searched, plant.rule, engine_of_plant, bar)

@@ -147,11 +147,12 @@ def places_table(benchmark: Benchmark, group: Group) -> Table:
     """Return, for the figures by which laws are ranked, which places survive the variants of the rules, and whether
     each law is better or worse than P-PI in all of them.
     """
-    decisions = {figure: decision_of(benchmark, group, figure) for figure in RANKED_BY}
+    decisions = [decision_of(benchmark, group, figure) for figure in RANKED_BY]
     rows: list[list[Cell]] = []
-    for law in decisions[RANKED_BY[0]].order.laws:
+    # a law without a finite figure of one kind may have a place by another one
+    for law in dict.fromkeys(law for decision in decisions for law in decision.order.laws):
         cells: list[Cell] = []
-        for decision in decisions.values():
+        for decision in decisions:
             ranked = law in decision.order.laws
             cells += [_places(*decision.places(law)), _against_plain(decision, law)] if ranked else [None, None]
         rows.append([law, *cells])

@@ -17,17 +17,23 @@ _LARGEST = 1_000_000  # bytes, largest size of a file
 
 @dataclass(frozen=True)
 class Designs:
-    """A directory of designs for one plant, one JSON file per law. The directories in `also` are only read."""
+    """A directory of designs for one plant, one JSON file per law.
+
+    also    directories that are only read, after `folder`
+    shared  laws whose designs are read there; empty: all
+    """
 
     folder: Path
     plant: str
     rules: int
     also: tuple[Path, ...] = ()
+    shared: tuple[str, ...] = ()
 
     def design(self, law: str) -> Design | None:
         """Return the design of a law; None if there is none. Raises FileError if the file is not a valid design."""
         # a user's design comes before that of the package
-        paths = (self._path(law, place) for place in (self.folder, *self.also))
+        also = self.also if not self.shared or law in self.shared else ()
+        paths = (self._path(law, place) for place in (self.folder, *also))
         path = next((path for path in paths if path.is_file()), None)
         if path is None:
             return None

@@ -33,7 +33,7 @@ from feeddrive.evaluation.scheduler import Certificates
 from feeddrive.evaluation.store import Store
 from feeddrive.language.errors import ParameterError, WorkerError
 from feeddrive.language.progress import Progress, follow_parent, one_thread
-from feeddrive.loop.runner import cores
+from feeddrive.language.threads import cores
 
 C = TypeVar("C", bound=Case[Any])
 # cases handed out for each worker: one at work and one that waits; with more, memory would grow with the cases

@@ -317,3 +317,14 @@ def arrow_numbers(column: Any) -> np.ndarray:
     if column.null_count or not column.num_chunks or str(column.type) == "bool":
         return column.to_numpy()
     return np.concatenate([np.from_dlpack(piece) for piece in column.chunks])
+
+
+def arrow_column(numbers: np.ndarray) -> Any:
+    """Return a pyarrow array of float64 that shares the memory of `numbers`, shape (n,), if these are contiguous.
+
+    pyarrow's `array` is not used, for the same reason as in `arrow_numbers`.
+    """
+    import pyarrow as arrow
+
+    values = np.ascontiguousarray(numbers, dtype=np.float64)
+    return arrow.Array.from_buffers(arrow.float64(), len(values), [None, arrow.py_buffer(values)])

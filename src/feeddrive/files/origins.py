@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from feeddrive.files.atomic_io import read_whole
-from feeddrive.files.read_log import MOST_BYTES
+from feeddrive.files.columns import MOST_BYTES
 from feeddrive.files.section import Section, text
 from feeddrive.files.toml_file import TomlEdit, TomlFile, quoted
 

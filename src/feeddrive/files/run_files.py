@@ -12,13 +12,14 @@ import math
 import platform
 import re
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from feeddrive.files.atomic_io import written_whole
-from feeddrive.files.columns import Columns, arrow_numbers, check_size, check_unpacked, is_wanted
+from feeddrive.files.columns import Columns, arrow_column, arrow_numbers, check_size, check_unpacked, is_wanted
 from feeddrive.language.errors import LogError, ParameterError
 from feeddrive.language.quantity import Units
 from feeddrive.language.text import resolve
@@ -148,38 +149,49 @@ def parquet_stream(
     with parquet_stream(path, ["time", "force"], metadata) as append:
         append({"time": ..., "force": ...})
     """
-    import pyarrow as arrow
-    from pyarrow import parquet
-
     try:
         # Sorted keys give the same bytes for equal metadata; JSON has no NaN.
         text = json.dumps(metadata, sort_keys=True, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise ParameterError(f"{path}: metadata cannot be written as JSON: {error}") from None
-    schema = arrow.schema([(name, arrow.float64()) for name in names], {_KEY: text.encode()})
 
     def append(columns: Mapping[str, np.ndarray]) -> None:
         arrays = [np.ascontiguousarray(columns[name], dtype=np.float64) for name in names]
         shapes = {name: array.shape for name, array in zip(names, arrays, strict=True)}
         if any(array.ndim != 1 for array in arrays) or len(set(shapes.values())) > 1:
             raise ParameterError(f"{path}: columns must have one dimension and one length, not {shapes}")
-        writer.write_table(arrow.Table.from_arrays(arrays, schema=schema), row_group_size=_GROUP)
+        import pyarrow as arrow
 
-    with (
-        written_whole(path) as temporary,
-        temporary.open("wb") as file,
-        parquet.ParquetWriter(
-            file,
-            schema,
-            compression="zstd",
-            # measured floats hardly repeat, so that a dictionary costs space; their bytes of equal weight do repeat
-            use_dictionary=False,
-            column_encoding="BYTE_STREAM_SPLIT",
-            # without it a flipped bit is another number, and no error
-            write_page_checksum=True,
-        ) as writer,
-    ):
+        writer = begun()
+        table = arrow.Table.from_arrays([arrow_column(array) for array in arrays], schema=writer.schema)
+        writer.write_table(table, row_group_size=_GROUP)
+
+    with written_whole(path) as temporary, temporary.open("wb") as file, contextlib.ExitStack() as stack:
+
+        @cache
+        def begun() -> Any:
+            # with the first rows: a program that is refused before needs no pyarrow
+            return stack.enter_context(_parquet_writer(file, names, text))
+
         yield append
+        begun()
+
+
+def _parquet_writer(file: Any, names: Sequence[str], metadata: str) -> Any:
+    """Open a Parquet file of columns of float64."""
+    import pyarrow as arrow
+    from pyarrow import parquet
+
+    return parquet.ParquetWriter(
+        file,
+        arrow.schema([(name, arrow.float64()) for name in names], {_KEY: metadata.encode()}),
+        compression="zstd",
+        # measured floats hardly repeat, so that a dictionary costs space; their bytes of equal weight do repeat
+        use_dictionary=False,
+        column_encoding="BYTE_STREAM_SPLIT",
+        # without it a flipped bit is another number, and no error
+        write_page_checksum=True,
+    )
 
 
 _BLOCK = 65536  # rows that are converted to text at once
@@ -239,7 +251,7 @@ def write_run_csv(
     )
     with written_whole(path) as temporary, temporary.open("wb") as file:
         file.write(heads.getvalue().encode("utf-8"))
-        table = arrow.Table.from_arrays(arrays, names=[str(k) for k in range(len(arrays))])
+        table = arrow.Table.from_arrays(list(map(arrow_column, arrays)), names=[str(k) for k in range(len(arrays))])
         arrow_csv.write_csv(table, file, arrow_csv.WriteOptions(include_header=False, batch_size=_BLOCK))
 
 

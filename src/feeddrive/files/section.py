@@ -42,7 +42,7 @@ from typing import Any, ClassVar, TypeAlias, TypeVar, dataclass_transform
 
 import numpy as np
 
-from feeddrive.blocks.catalogue import OPT_IN, RENAMED, catalogue
+from feeddrive.blocks.catalogue import OPT_IN, RENAMED, catalogue, member
 from feeddrive.files.toml_file import Key, TomlTable, quoted
 from feeddrive.language import units
 from feeddrive.language.block import (
@@ -354,6 +354,19 @@ def members(hint: Hint) -> dict[str, type[Any]]:
     return by_kind
 
 
+def _member(hint: Hint, kind: str) -> type[Any] | None:
+    """Return the block of a kind that matches a hint of blocks, or None; the last one if several families have it, as
+    in `members`.
+    """
+    for family in reversed(hint.classes):
+        if not inspect.isabstract(family):
+            if family.kind == kind:
+                return family
+        elif (block := member(family, kind)) is not None:
+            return block
+    return None
+
+
 def _members_of(family: type[Section]) -> Iterator[type[Section]]:
     """Yield the leaf classes of a family of sections, or the family itself if it has no subclasses."""
     below = family.__subclasses__()
@@ -597,22 +610,22 @@ def _kind(hint: Hint, table: TomlTable) -> type[Declared]:
     first = hint.classes[0]
     if issubclass(first, Section):
         return first.choose(table)
-    fitting = members(hint)
     chosen = table.values.get("kind")
+    if chosen is None and hint.single():
+        return first
+    if isinstance(chosen, str) and (known := _member(hint, chosen)) is not None:
+        return known
+    fitting = members(hint)
     if chosen is None:
-        if hint.single():
-            return first
         raise table.error(f"{_prefix(table)}kind is missing; there are: {', '.join(fitting) or 'none'}")
     # Reading a file must never execute code, and an FMU is a library of machine code.
     if chosen == "fmu":
         raise table.error(f"{table.dotted('kind')} = 'fmu': {_A_PROGRAM}", "kind")
     if isinstance(chosen, str) and RENAMED.get(chosen) in fitting:
         raise table.error(f"{table.dotted('kind')} = {shown(chosen)} is now called '{RENAMED[chosen]}'", "kind")
-    if not isinstance(chosen, str) or chosen not in fitting:
-        raise table.error(
-            f"{table.dotted('kind')} = {shown(chosen)} is not known{nearest(str(chosen), fitting)}; {OPT_IN}", "kind"
-        )
-    return fitting[chosen]
+    raise table.error(
+        f"{table.dotted('kind')} = {shown(chosen)} is not known{nearest(str(chosen), fitting)}; {OPT_IN}", "kind"
+    )
 
 
 def _named(kind: type[Declared], key: str, table: TomlTable, declared: Mapping[str, Declaration]) -> tuple[str, float]:

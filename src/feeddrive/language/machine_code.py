@@ -186,13 +186,31 @@ def _stored(key: str) -> bytes | None:
 
 
 def _store(key: str, code: bytes) -> None:
-    """Store machine code on disk atomically; a failed write is ignored."""
+    """Store machine code on disk."""
+    _write(f"{key}.o", hashlib.sha256(code).digest() + code)
+
+
+def time_spent(content: str) -> float:
+    """Return how long code has run in earlier processes, s, by the key of its content; 0 if that is not on disk."""
+    place = cache_directory()
+    with contextlib.suppress(OSError, ValueError):
+        return 0.0 if place is None else float((place / f"{content}.s").read_text(encoding="ascii"))
+    return 0.0
+
+
+def store_time_spent(content: str, seconds: float) -> None:
+    """Store how long code has run, s, by the key of its content."""
+    _write(f"{content}.s", f"{seconds:.6f}".encode())
+
+
+def _write(name: str, content: bytes) -> None:
+    """Write a file of the disk cache atomically; a failed write is ignored."""
     place = cache_directory()
     if place is None:
         return
     with contextlib.suppress(OSError):
         # written beside and renamed: other processes may read the cache at the same time
-        handle, name = tempfile.mkstemp(dir=place)
+        handle, temporary = tempfile.mkstemp(dir=place)
         with os.fdopen(handle, "wb") as file:
-            file.write(hashlib.sha256(code).digest() + code)
-        os.replace(name, place / f"{key}.o")
+            file.write(content)
+        os.replace(temporary, place / name)

@@ -58,6 +58,11 @@ def _usual(unit: str) -> str:
     return _USUAL.get(unit) or (f"u{unit}" if _COMPLIANT.match(unit) else unit)
 
 
+def count_of(count: int, noun: str) -> str:
+    """Return a count with its noun, in the plural unless it is 1: `1 stop`, `1,200 stops`."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
 def number(value: float | None, digits: int = _DIGITS) -> str:
     """Format a number with `digits` significant digits, without an exponent if that is readable; `-` for None.
 

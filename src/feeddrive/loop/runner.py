@@ -737,15 +737,6 @@ def recorded_by_lane(
     return record
 
 
-@lru_cache(maxsize=1)
-def cores() -> int:
-    """Return the number of processors available to this process."""
-    import os
-
-    # a container or an affinity mask may leave fewer cores than the computer has
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 WIDTHS = (8, 16, 32)
 # Samples of all variants together from which on wider vectors, and a trial of them, pay for being compiled.
 WIDE, TRIED = 5_000_000, 100_000_000

@@ -20,12 +20,13 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, signal_unit
 from feeddrive.language.table import UNIT, Result, Table
 from feeddrive.language.text import Text
+from feeddrive.language.threads import cores
 from feeddrive.loop.control import Control
 from feeddrive.loop.engine.llvm import Native
 from feeddrive.loop.engine.plan import ARITHMETIC
 from feeddrive.loop.loop import Loop, quantity, unit_of
 from feeddrive.loop.machine import Machine, System, check_system, turning_ports, velocity_ports
-from feeddrive.loop.runner import LEFT, Prepared, Work, cores, gathered, grouped, recorded, recorded_by_lane
+from feeddrive.loop.runner import LEFT, Prepared, Work, gathered, grouped, recorded, recorded_by_lane
 
 # by sample (int) or time in s (float): a whole control, or values of some of its parameters by path
 Changes: TypeAlias = Mapping[int | float, Control | Mapping[str, float]]

@@ -2,13 +2,14 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from math import isfinite
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from feeddrive.language.quantity import Quantity, unit_name
+from feeddrive.language.quantity import Quantity, count_of, unit_name
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
 from feeddrive.path.feed_loss import FeedLoss
@@ -206,10 +207,10 @@ class Planned(Result):
         ]
         names = zip(DERIVATIVES, _PER, strict=True)
         heads = ["axis", *(f"{name} {unit_name(f'm/{s}', f'mm/{s}', stays=True)}" for name, s in names)]
-        held = "every limit is proven" if self.violations == 0 else f"{self.violations} violations"
+        held = "every limit is proven" if self.violations == 0 else count_of(self.violations, "violation")
         title = Text(
-            f"{self.program}: {Quantity(self.cycle_time, 's'):6 SI}, {self.blocks} blocks, {self.stop_count} stops; "
-            f"{held}"
+            f"{self.program}: {Quantity(self.cycle_time, 's'):6 SI}, {count_of(self.blocks, 'block')}, "
+            f"{count_of(self.stop_count, 'stop')}; {held}"
         )
         return Table(title, heads, rows)
 
@@ -223,14 +224,15 @@ def planned_of(setpoints: Setpoints, program: str, machine: str, take: Take | No
     recorder = Recorder(len(setpoints.limits.axes))
     few: list[Standstill] = []
     reasons: Counter[str] = Counter()
-    for samples in setpoints:
-        recorder.add(samples)
-        # emptied after each chunk: a program may stop millions of times
-        stops, setpoints.stops = setpoints.stops, []
-        reasons.update(stop.reason for stop in stops)
-        few += stops[: FEW - len(few)]
-        if take is not None:
-            take(samples, stops)
+    with closing(iter(setpoints)) as chunks:
+        for samples in chunks:
+            recorder.add(samples)
+            # emptied after each chunk: a program may stop millions of times
+            stops, setpoints.stops = setpoints.stops, []
+            reasons.update(stop.reason for stop in stops)
+            few += stops[: FEW - len(few)]
+            if take is not None:
+                take(samples, stops)
     return Planned(
         program,
         machine,

@@ -71,7 +71,7 @@ class Settings(NamedTuple):
         """Return what the purpose sets, as a sentence; `stated`: number of tolerances that the program states."""
         assert self.tolerance is not None
         shares = ", ".join(f"{name} {Quantity(share, 'share'):3}" for name, share in self.dynamics._asdict().items())
-        kept = f"; the program states {stated} of its own, which stand" if stated else ""
+        kept = f"; the program states {stated} of its own, which stand{'s' if stated == 1 else ''}" if stated else ""
         by = f"; by {' and '.join(self.options)}, not by the purpose" if self.options else ""
         return Text(
             f"For {self.purpose}: tolerance {Quantity(self.tolerance, 'm'):3 mm} where the program states none{kept}; "

@@ -8,20 +8,23 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing
+from contextvars import copy_context
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from feeddrive.language.errors import ProgramError
+from feeddrive.language.errors import FeeddriveError, ProgramError
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Records, Records2
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.series import Taylor
 from feeddrive.language.text import Text
+from feeddrive.language.threads import ahead, short_turns, through
 from feeddrive.path.feed_loss import CORNER, FeedLossRecorder
-from feeddrive.path.geometry.joints import SMOOTH, Joiner, Joint
+from feeddrive.path.geometry.joints import SMOOTH, Joiner
 from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.geometry.weights import ANGLE_TOLERANCE
 from feeddrive.path.limits import LETTERS, MachineLimits
@@ -48,12 +51,19 @@ from feeddrive.path.program.budget import Spending
 from feeddrive.path.program.moves import Arc, Begin, Move, Spline, Straight, ToolPoint
 from feeddrive.path.proof import Prover
 from feeddrive.path.purpose import DEFAULT, Settings
+from feeddrive.path.schedule.corner import Line as LineRun
 from feeddrive.path.schedule.override import Overridden, Override
-from feeddrive.path.schedule.planner import Planner
+from feeddrive.path.schedule.planner import Planner, Scheduled
 from feeddrive.path.tip_proof import LEFT, TipProver
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor, Future
 
 # planning twice takes twice the time, so longer chains are joined by geometry alone
 SHORT = 100  # largest number of segments of a chain that is planned in two ways
+# shorter programs are planned sooner than threads would help
+LONG = 500  # number of segments from which on a program is planned on several threads
+_AHEAD = 8  # largest number of chains, of parts to lift, and of parts, that wait for the next stage
 
 
 def planned(
@@ -64,7 +74,8 @@ def planned(
     angle_tolerance: ArrayLike = ANGLE_TOLERANCE,
     tip: TipProver | None = None,
     spending: Spending | None = None,
-) -> Iterator[Part | Pause]:
+    threads: int = 1,
+) -> Generator[Part | Pause]:
     """Yield the runs of a program, each from rest to rest in one or more parts, and the pauses between them.
 
     Segments are planned in windows, and a part is yielded as soon as it is final, so memory does not grow with the
@@ -76,70 +87,240 @@ def planned(
     angle_tolerance  tolerance of the rotary axes, as in `chains`, rad
     tip              the prover of paths of the tip, which also has the travel of the joints
     spending         counts motion and processor time, as in `chains`
+    threads          number of chains, or of sections of a chain, that are planned at a time.  If it is more than 1, a
+                     long program is read in the caller's thread, scheduled in another one, and lifted in others; parts,
+                     pauses and errors are the same, to the bit.  A program with an override is planned in one thread
 
-    Raises ProgramError as `chains` does.  The parts are planned but not proven: pass them to a `Prover`.
+    Raises ProgramError as `chains` does.  The parts are planned but not proven: pass them to a `Prover`.  Close the
+    generator, or use it up, before `moves` is closed.
     """
-    weights: np.ndarray | None = None
-    of_tip: TipColumns | None = None
     tip = tip or TipProver()
-    weighted = limits  # in the coordinates of the path, in which angles are lengths
-    joiner, planner = Joiner(), Planner(limits)
     overridden = None if override is None else Overridden(limits, override)
-    joints: deque[str] = deque()  # path modes of the undecided joints
-    modes: deque[str] = deque()  # path modes at the ends of runs not yet yielded
+    segments = chains(moves, axes, angle_tolerance, spending)
+    threads = 1 if overridden is not None else threads
+    is_long = False
+    if threads > 1:
+        segments, is_long = _begun(segments)
+    if is_long:
+        yield from _on_threads(segments, limits, tip, threads)
+    else:
+        yield from _leaving(_in_turn(_joined(segments, limits, tip, overridden, None), limits, overridden))
+
+
+def _begun(segments: Iterator[Chain | Pause]) -> tuple[Iterator[Chain | Pause], bool]:
+    """Return the chains and pauses, and True if they have more than `LONG` segments."""
+    first, count, error = list[Chain | Pause](), 0, None
+    try:
+        for each in segments:
+            first.append(each)
+            count += len(each.tolerance) if isinstance(each, Chain) else 0
+            if count > LONG:
+                break
+    except FeeddriveError as raised:
+        error = raised
+
+    def again() -> Iterator[Chain | Pause]:
+        yield from first
+        if error is not None:  # behind what came before
+            raise error
+        yield from segments
+
+    return again(), count > LONG
+
+
+class _Frame(NamedTuple):
+    """The coordinates of paths.
+
+    limits   limits in the coordinates in which the path is planned, in which angles may be lengths, shape (N, 4)
+    weights  m for each rad of the axes; None: all are planned in m
+    tip      axes and kinematics of a path of the tip, which is planned in m and rad
+    """
+
+    limits: np.ndarray
+    weights: np.ndarray | None
+    tip: TipColumns | None
+
+
+class _Joined(NamedTuple):
+    """A chain as joined.
+
+    stop   True for each joint at which the motion stops, whose path modes are `modes`
+    parts  its motion, if it was planned already
+    """
+
+    frame: _Frame
+    sections: list[Section]
+    stop: np.ndarray
+    modes: Sequence[str]
+    ends: bool
+    parts: list[Part] | None = None
+
+
+def _joined(
+    found: Iterable[Chain | Pause],
+    limits: np.ndarray,
+    tip: TipProver,
+    overridden: Overridden | None,
+    workers: Executor | None,
+) -> Iterator[_Joined | Future[_Joined] | Pause]:
+    """Yield the chains of a program as joined, and the pauses between them; workers plan those from rest to rest."""
+    frame, joiner = _Frame(limits, None, None), Joiner()
     # at the undecided joints of a tip: distances of chords from their splines, m, and of directions, rad
     errors: deque[tuple[float, float]] = deque()
-    lines = _Lines()
-
-    def leaving(parts: Iterable[Part | Pause]) -> Iterator[Part | Pause]:
-        for part in parts:
-            if isinstance(part, Pause):
-                yield part
-                continue
-            part = _in_radians(lines.told(part), weights) if of_tip is None else part._replace(tip=of_tip)
-            yield part._replace(mode=modes.popleft()) if part.ends else part
-
-    for segments in chains(moves, axes, angle_tolerance, spending):
+    for segments in found:
         if isinstance(segments, Pause):
-            if overridden is not None:
-                overridden.wait(segments.duration)
             yield segments
             continue
+        weights = frame.weights
         same = segments.weights is None or (weights is not None and np.array_equal(segments.weights, weights))
-        if segments.tip is not of_tip or (segments.tip is None and not same):
+        if segments.tip is not frame.tip or (segments.tip is None and not same):
             # at a stop, where all earlier parts have been yielded
-            of_tip, weights = segments.tip, segments.weights
+            weights = segments.weights
             # the joints of a tip are planned in m and rad
-            weighted = limits if weights is None or of_tip else limits * weights[:, None]
+            weighted = limits if weights is None or segments.tip else limits * weights[:, None]
+            frame = _Frame(weighted.copy(), weights, segments.tip)  # other limits than before, though they may be equal
             # where angles turn runs do not overlap: corners of a tip are rounded, or it stops
-            joiner = Joiner() if of_tip is None else Joiner(lonely=np.inf)
-            planner = Planner(weighted)
+            joiner = Joiner() if segments.tip is None else Joiner(lonely=np.inf)
+        if frame.tip is None and joiner.rests and segments.ends:
+            # only a chain from rest to rest can be planned by itself, in either way
+            if workers is not None:
+                yield workers.submit(copy_context().run, _alone, segments, frame)
+            else:
+                factor = overridden.factor() if overridden else 1.0
+                yield _quicker(segments, frame, factor) or _usual(segments, frame, joiner)
+            continue
+        if frame.tip is None:
+            yield _usual(segments, frame, joiner)
+            continue
+        segments = segments._replace(tolerance=np.where(segments.tolerance > LEFT, segments.tolerance - LEFT, 0.0))
+        sections, joint = joiner.join(segments)
+        errors.extend(zip(segments.chords, segments.off, strict=True))
+        chords, off = np.array([errors.popleft() for _ in joint.stop]).reshape(-1, 2).T
+        tip.join(joint.deviation + chords, off, segments)
+        sections = _with_corners(sections, [tip.joints(section, segments, frame.tip) for section in sections], tip)
+        yield _Joined(frame, sections, joint.stop, segments.modes, segments.ends)
+
+
+def _usual(segments: Chain, frame: _Frame, joiner: Joiner) -> _Joined:
+    """Return a chain with splines and blends, not yet planned."""
+    sections, joint = joiner.join(segments)
+    return _Joined(frame, sections, joint.stop, segments.modes, segments.ends)
+
+
+def _alone(segments: Chain, frame: _Frame) -> _Joined:
+    """Return a chain from rest to rest that is planned by itself."""
+    joined = _quicker(segments, frame, 1.0) or _usual(segments, frame, Joiner())
+    if joined.parts is not None:
+        return joined
+    return joined._replace(parts=list(Planner(frame.limits).along(joined.sections, True)))
+
+
+def _in_turn(
+    joined: Iterable[_Joined | Future[_Joined] | Pause], limits: np.ndarray, overridden: Overridden | None
+) -> Iterator[_Joined | Part | Pause]:
+    """Yield each chain as joined, followed by the parts of the motion that are final with it, and the pauses."""
+    planner = Planner(limits)
+    for item in joined:
+        if isinstance(item, Pause):
             if overridden is not None:
-                overridden.measure(weighted)
-        # only a chain from rest to rest can be planned by itself, in either way
-        if of_tip is not None:
-            segments = segments._replace(tolerance=np.where(segments.tolerance > LEFT, segments.tolerance - LEFT, 0.0))
-        alone = joiner.rests and segments.ends and of_tip is None
-        whole = _quicker(segments, weighted, overridden.factor() if overridden else 1.0) if alone else None
-        sections, joint, ready = whole or (*joiner.join(segments), None)
-        if of_tip is None:  # the pieces of a tip have their lines themselves
-            for section in sections:
-                lines.add(section)
-        joints.extend(segments.modes)
-        for stop in joint.stop:
-            mode = joints.popleft()
-            if stop:
-                modes.append(mode)
-        if of_tip is not None:
-            errors.extend(zip(segments.chords, segments.off, strict=True))
-            chords, off = np.array([errors.popleft() for _ in joint.stop]).reshape(-1, 2).T
-            tip.join(joint.deviation + chords, off, segments)
-            sections = _with_corners(sections, [tip.joints(section, segments, of_tip) for section in sections], tip)
+                overridden.wait(item.duration)
+            yield item
+            continue
+        assert isinstance(item, _Joined)
+        if item.frame.limits is not limits:
+            # at a stop
+            limits = item.frame.limits
+            planner = Planner(limits)
+            if overridden is not None:
+                overridden.measure(limits)
+        yield item
         if overridden is not None:
-            parts = overridden.along(sections, segments.ends, ready)
+            yield from overridden.along(item.sections, item.ends, item.parts)
         else:
-            parts = planner.along(sections, segments.ends) if ready is None else ready
-        yield from leaving(parts)
+            yield from planner.along(item.sections, item.ends) if item.parts is None else item.parts
+
+
+def _leaving(planned: Iterable[_Joined | Part | Pause]) -> Iterator[Part | Pause]:
+    """Yield the parts in m and rad, with the lines along them and the path modes of their ends, and the pauses."""
+    joints: deque[str] = deque()  # path modes of the undecided joints
+    modes: deque[str] = deque()  # path modes at the ends of runs not yet yielded
+    lines, frame = _Lines(), None
+    for each in planned:
+        if isinstance(each, Pause):
+            yield each
+        elif isinstance(each, _Joined):
+            frame = each.frame
+            if frame.tip is None:  # the pieces of a tip have their lines themselves
+                for section in each.sections:
+                    lines.add(section)
+            joints.extend(each.modes)
+            for stop in each.stop:
+                mode = joints.popleft()
+                if stop:
+                    modes.append(mode)
+        else:
+            assert frame is not None
+            part = each._replace(tip=frame.tip) if frame.tip else _in_radians(lines.told(each), frame.weights)
+            yield part._replace(mode=modes.popleft()) if part.ends else part
+
+
+class _End(NamedTuple):
+    """The end of the schedule of a chain, which `ends` at rest or goes on."""
+
+    ends: bool
+
+
+def _on_threads(
+    segments: Iterator[Chain | Pause], limits: np.ndarray, tip: TipProver, threads: int
+) -> Iterator[Part | Pause]:
+    """Yield the parts and pauses of `planned`: read and joined in this thread, scheduled and lifted in others."""
+    from concurrent.futures import ThreadPoolExecutor  # not for short programs
+
+    with short_turns(), ThreadPoolExecutor(threads, "plan") as workers:
+
+        def stage(joined: Iterator[_Joined | Future[_Joined] | Pause]) -> Iterator[_Joined | Part | Pause]:
+            with closing(ahead(_scheduled(joined, limits, workers), _AHEAD)) as scheduled:
+                yield from _lifted(scheduled)
+
+        with closing(through(_joined(segments, limits, tip, None, workers), stage, _AHEAD)) as parts:
+            try:
+                yield from _leaving(parts)
+            finally:
+                # what waits is not begun any more
+                workers.shutdown(wait=False, cancel_futures=True)
+
+
+def _scheduled(
+    joined: Iterable[_Joined | Future[_Joined] | Pause], limits: np.ndarray, workers: Executor
+) -> Iterator[tuple[Planner, Any]]:
+    """Yield chains as joined or as a future one, what the schedule makes of them, and the pauses, with the planner."""
+    planner = Planner(limits, workers=workers)
+    for item in joined:
+        if not isinstance(item, _Joined):
+            yield planner, item
+            continue
+        if item.frame.limits is not limits:
+            limits = item.frame.limits
+            planner = Planner(limits, workers=workers)
+        yield planner, item
+        for scheduled in planner.scheduled(item.sections):
+            yield planner, scheduled
+        yield planner, _End(item.ends)
+
+
+def _lifted(scheduled: Iterable[tuple[Planner, Any]]) -> Iterator[_Joined | Part | Pause]:
+    """Yield what `_in_turn` yields."""
+    for planner, each in scheduled:
+        if isinstance(each, Pause):
+            yield each
+        elif isinstance(each, _End):
+            yield from planner.end() if each.ends else ()
+        elif isinstance(each, Scheduled | LineRun):
+            yield from planner.lifted(each)
+        else:
+            joined = each if isinstance(each, _Joined) else each.result()
+            yield joined
+            yield from joined.parts or ()
 
 
 def _with_corners(sections: list[Section], joints: list[Section], tip: TipProver) -> list[Section]:
@@ -219,20 +400,23 @@ def _in_radians(part: Part, weights: np.ndarray | None) -> Part:
     return part._replace(pieces=counted(part.pieces, 1.0 / weights), entering=entering, weights=weights)
 
 
-def _quicker(chain: Chain, limits: np.ndarray, factor: float) -> tuple[list[Section], Joint, list[Part] | None] | None:
+def _quicker(segments: Chain, frame: _Frame, factor: float) -> _Joined | None:
     """Plan a short chain at a feed factor in two ways, once with splines and blends and once with overlapping runs at
     all corners; return the faster plan.
 
     The parts are None, not yet planned, if both plans are identical; the result is None if the chain is not short.
     """
-    if len(chain.tolerance) > SHORT:
+    if len(segments.tolerance) > SHORT:
         return None
     # with a limit angle of nearly 0 every corner becomes a stop, which `Crossings` then passes in time
-    usual, in_time = Joiner().join(chain), Joiner(SMOOTH, 0.0).join(chain)
-    if np.array_equal(usual[1].stop, in_time[1].stop):
-        return *usual, None
-    whole = [(*joined, list(Planner(limits, factor).along(joined[0], True))) for joined in (usual, in_time)]
-    return min(whole, key=lambda candidate: _lasts(candidate[2]))
+    usual, in_time = (_usual(segments, frame, joiner) for joiner in (Joiner(), Joiner(SMOOTH, 0.0)))
+    if np.array_equal(usual.stop, in_time.stop):
+        return usual
+    both = [
+        joined._replace(parts=list(Planner(frame.limits, factor).along(joined.sections, True)))
+        for joined in (usual, in_time)
+    ]
+    return min(both, key=lambda joined: _lasts(joined.parts or []))
 
 
 def _lasts(parts: list[Part]) -> float:
@@ -407,6 +591,7 @@ class Setpoints:
     sample_time  sample time of the loop, s
     settings     tolerance and dynamics that moves and limits contain
     spending     counts motion and processor time, and refuses too much; None: within the usual budget
+    threads      as for `planned`
     stops        standstills since the list was last emptied
     blocks       number of straight moves, arcs and splines read
     line         program line being read
@@ -424,7 +609,9 @@ class Setpoints:
         override: Override | None = None,
         settings: Settings = DEFAULT,
         spending: Spending | None = None,
+        threads: int = 1,
     ) -> None:
+        self._threads = threads
         self.limits, self.sample_time, self.settings = limits, sample_time, settings
         self.stops: list[Standstill] = []
         self.blocks = self.line = self.samples = self.runs = 0
@@ -444,15 +631,20 @@ class Setpoints:
         self.proven = True
         self.losses = FeedLossRecorder(self._array, limits.causes[: 4 * len(limits.axes)], sample_time)
 
-    def __iter__(self) -> Iterator[Samples]:
+    def __iter__(self) -> Generator[Samples]:
         angles = self.limits.angle_tolerances
         letters = self.limits.letters
-        for part in planned(self._counted(), letters, self._array, self._override, angles, self.tip, self._spending):
-            self._check_motion(part)
-            if isinstance(part, Part):
-                yield from self._part(part)
-            else:
-                yield from self._pause(part)
+        parts = planned(
+            self._counted(), letters, self._array, self._override, angles, self.tip, self._spending, self._threads
+        )
+        # closed here, and not some time after an error: threads may still read the moves
+        with closing(parts):
+            for part in parts:
+                self._check_motion(part)
+                if isinstance(part, Part):
+                    yield from self._part(part)
+                else:
+                    yield from self._pause(part)
         ends = self.time
         # an interval includes its start only, so the last position would be missing
         yield from self._rest(self.sample_time, self._last_line)  # the end itself

@@ -82,7 +82,7 @@ def in_plane(
         if off <= near:
             return Parts(STRAIGHT.share, STRAIGHT.rotary, off, angle)
         count = math.ceil(math.sqrt(off / near)) if off < near * _MOST else 1
-    arc = _Arc.between(kinematics, a, b, how, 0.5 * near)
+    arc = Swing.between(kinematics, a, b, how, 0.5 * near)
     count = max(count, math.ceil(max(reach, arc.angle) / _LONGEST))
     share = np.linspace(0.0, 1.0, count + 1)
     halvings = 0
@@ -156,7 +156,7 @@ def _jumps(kinematics: Kinematics, before: np.ndarray, behind: np.ndarray, share
     )
 
 
-class _Arc(NamedTuple):
+class Swing(NamedTuple):
     """The programmed directions g of a block: `first` at its start, `last` at its end, `across` = n, `angle` = φ.
 
     cone  angle from the pole within which the joint next to the workpiece may stand anywhere, rad
@@ -173,7 +173,10 @@ class _Arc(NamedTuple):
     free: int
 
     @classmethod
-    def between(cls, kinematics: Kinematics, begin: np.ndarray, end: np.ndarray, how: Orientation, cone: float) -> _Arc:
+    def between(
+        cls, kinematics: Kinematics, begin: np.ndarray, end: np.ndarray, how: Orientation, cone: float
+    ) -> Swing:
+        """Return the directions of a block from its joints at both ends, rad."""
         first, last = (np.array(kinematics.tool_axis(rotary), float) for rotary in (begin, end))
         angle = float(angle_between(first, last))
         # n sin φ, without the cancellation of last - cos φ first

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from feeddrive import plot
-from feeddrive.language.quantity import Quantity, number, unit_name
+from feeddrive.language.quantity import Quantity, count_of, number, unit_name
 from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text, joined
 from feeddrive.machining.circle_test import CircleCauses, CircleTest, peaks_table
@@ -80,14 +80,14 @@ def circle_report(test: CircleTest, causes: CircleCauses, note: str = "") -> Rep
 _LISTED = 200  # largest number of listed stops
 
 
-def plan_report(plan: Planned) -> Report:
+def plan_report(plan: Planned, with_pictures: bool = True) -> Report:
     """Return the report on a planned part program."""
-    pictures = _pictures(plan)
+    pictures = _pictures(plan) if with_pictures else []
     conditions = [
         ("Program", plan.program),
         ("Machine", plan.machine),
         ("Setpoints", Text(f"{plan.samples:,}, one every {Quantity(plan.sample_time, 's'):3}")),
-        ("Blocks", f"{plan.blocks:,} that move, in {plan.runs:,} runs from rest to rest"),
+        ("Moves", f"{plan.blocks:,}, in {count_of(plan.runs, 'run')} from rest to rest"),
         *([("Purpose", plan.settings.sentence())] if plan.settings.purpose else []),
         ("Proof", _proof(plan)),
         ("feeddrive", __version__),
@@ -112,13 +112,15 @@ def _lead(plan: Planned) -> Sequence[str]:
     held = (
         "Every limit is proven to hold in continuous time, joints included."
         if plan.violations == 0
-        else f"{plan.violations} violations of the tip of the tool: no setpoints were written. This is a fault of "
-        "feeddrive, not of the program."
+        else f"{count_of(plan.violations, 'violation')} of the tip of the tool: no setpoints were written. This is a "
+        "fault of feeddrive, not of the program."
         if proof.count == 0
-        else f"{plan.violations} violations, the first at {plan.limits.named(str(proof.faults[0]))}: no setpoints were "
-        "written. This is a fault of feeddrive, not of the program."
+        else f"{count_of(plan.violations, 'violation')}, the first at {plan.limits.named(str(proof.faults[0]))}: no "
+        "setpoints were written. This is a fault of feeddrive, not of the program."
     )
-    first = Text(f"The cycle takes {Quantity(plan.cycle_time, 's'):6 SI}, with {plan.stop_count:,} stops. {held}")
+    first = Text(
+        f"The cycle takes {Quantity(plan.cycle_time, 's'):6 SI}, with {count_of(plan.stop_count, 'stop')}. {held}"
+    )
     most = sorted(plan.seconds.items(), key=lambda item: -item[1])[:3] if plan.cycle_time else []
     shares = joined(", ", (f"{name} {Quantity(seconds / plan.cycle_time, 'share'):3}" for name, seconds in most))
     told = [first]
@@ -134,8 +136,8 @@ def _lead(plan: Planned) -> Sequence[str]:
 
 def _proof(plan: Planned) -> str:
     return (
-        f"{plan.proof.spans:,} spans of time by interval arithmetic, within 1e-9 of each limit; the largest jump at a "
-        f"joint is {number(plan.proof.jump, 2)} of a limit"
+        f"{count_of(plan.proof.spans, 'span')} of time by interval arithmetic, within 1e-9 of each limit; the largest "
+        f"jump at a joint is {number(plan.proof.jump, 2)} of a limit"
     )
 
 

@@ -36,9 +36,9 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import USUAL, Quantity, number, span, unit_name
 from feeddrive.language.table import Cell, Result, Table, chart_of
 from feeddrive.language.text import Text, joined
+from feeddrive.language.threads import cores
 from feeddrive.loop.box import Box as Tolerances
 from feeddrive.loop.control import Control
-from feeddrive.loop.runner import cores
 from feeddrive.plot import style
 from feeddrive.plot.chart import ALERT, Abscissa, Box, Chart, Curve, Panel, stairs
 from feeddrive.study.chunk import Chunk

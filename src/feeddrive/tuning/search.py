@@ -337,13 +337,18 @@ AGREE = 0.05  # of the goal: search results this close to the best confirm it
 def unconfirmed(search: Search, ends: Sequence[End], kinds: Sequence[str]) -> str:
     """Return a sentence on the kinds of search that missed the best result by more than 5 %; empty if none did."""
     costs = [search.merit(end.judged) for end in ends]
+    best = min(costs)
     texts: list[str] = []
     for kind, how in (("population", "from all over the range"), ("continuation", "by continuation in Ms")):
-        off = min((cost for cost, k in zip(costs, kinds, strict=True) if k == kind), default=np.inf) - min(costs)
-        if off >= AGREE:
-            texts.append(
-                Text(f"{how} {Quantity(np.expm1(off), 'share'):2} above the best")
-                if np.isfinite(off)
-                else f"none {how}"
-            )
+        of_kind = [(cost, end) for cost, end, k in zip(costs, ends, kinds, strict=True) if k == kind]
+        cost, end = min(of_kind, key=lambda pair: pair[0], default=(np.inf, None))
+        if cost - best < AGREE:
+            continue
+        if end is None or not np.isfinite(cost):
+            texts.append(f"none {how}")
+        # a merit with the penalty of exceeded bounds is no goal, and says nothing of how near the search was
+        elif end.broken > _ROOM:
+            texts.append(f"{how} outside of the bounds")
+        else:
+            texts.append(Text(f"{how} {Quantity(np.expm1(cost - best), 'share'):2} above the best"))
     return Text(f"searches ended {joined(' and ', texts)}") if texts else ""

@@ -27,7 +27,7 @@ class BenchmarkRequest(EvaluationRequest):
     )
     seed: int = option("Seed of the runs; 0: the seeds of the rules", default=0, least=0)
     retune: bool = option(
-        "Search every law that has no design in --keep yet, over each box; this takes hours", default=False
+        "Search the laws that have no design in --keep yet, over each box; all of them take hours", default=False
     )
     keep: Path | None = option(
         "Directory of designs that are kept as they are found, to go on after a stop; they come before the stored ones",
@@ -64,8 +64,9 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
     """Run every law with its stored design on the fixed plants of the benchmark, and print a table to be cited.
 
     User-defined laws (--blocks) have no stored design and are tuned first.  With `retune` all laws are tuned, over each
-    box of the rules and their variants, except those whose design is already in the directory `keep`.  Raises
-    ParameterError for an unknown plant, law or version of the rules.
+    box of the rules and their variants, except those whose design is already in the directory `keep`, and P-PI, which
+    is the stored one if laws are named without it.  Raises ParameterError for an unknown plant, law or version of the
+    rules.
     """
     if request.retune and request.keep is None:
         raise ParameterError("retune: name with --keep the directory in which the designs are kept as they are found")
@@ -86,7 +87,6 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
                     keep,
                     laws=laws if request.retune else own,
                     engine=engine,
-                    stored=not request.retune,
                     progress=progress,
                 )
         scored = score(rules, plants, laws=laws, designs=[keep], own=request.seed, engine=engine, progress=progress)

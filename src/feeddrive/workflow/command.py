@@ -571,7 +571,8 @@ class Command(Generic[P, R, T]):
         try:
             outcome = self.work(request, progress or Progress())
         except FeeddriveError as error:
-            if _turns(vars(request)):
+            # the files are read for this once more, so only if it makes a difference
+            if _rotary(error) != resolve(f"{error}", Units()) and _turns(vars(request)):
                 _worded(error)
             raise
         if outcome.turns and outcome.error is not None:
@@ -581,7 +582,12 @@ class Command(Generic[P, R, T]):
 
 def _worded(error: FeeddriveError) -> None:
     """Convert the units in an error message to those of a rotary axis."""
-    error.args = (resolve(f"{error}", Units(rotary=True)), *error.args[1:])
+    error.args = (_rotary(error), *error.args[1:])
+
+
+def _rotary(error: FeeddriveError) -> str:
+    """Return an error message in the units of a rotary axis."""
+    return resolve(f"{error}", Units(rotary=True))
 
 
 def _turns(fields: Mapping[str, Any]) -> bool:

@@ -1,6 +1,6 @@
 """`feeddrive plan`: setpoints of a part program that provably satisfy the limits of a machine.
 
-The output files are written by `files/part_program.py`.
+The output files are written by `files/plan_files.py`.
 """
 
 from __future__ import annotations
@@ -13,20 +13,21 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from math import degrees, isfinite, radians
 from pathlib import Path
-from time import monotonic
+from time import monotonic, process_time, thread_time
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from feeddrive.analysis.contour_control import matched_dynamics
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile, find_bundled, planned_kinematics, planned_limits, read_machine
-from feeddrive.files.part_program import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
+from feeddrive.files.plan_files import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
 from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import NoSlopeError, ParameterError, shown
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.quantity import Quantity, count_of, number
 from feeddrive.language.text import Text, joined
+from feeddrive.language.threads import cores
 from feeddrive.path.geometry.weights import ROTARY
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.limits import LETTERS, MachineLimits
@@ -39,9 +40,10 @@ from feeddrive.path.program.reading import FrontEnd, read_program
 from feeddrive.path.purpose import PURPOSES, read_dynamics, settings, with_tolerance
 from feeddrive.path.schedule.override import read_steps
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
-from feeddrive.report.machining_report import plan_report
-from feeddrive.report.page import html
 from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, line, option
+
+if TYPE_CHECKING:
+    from feeddrive.report.report import Report
 
 _SHOWN, _WATCHED = 0.2, 5.0  # s between two reports: on a terminal, and as lines (--watch)
 FAULT = (
@@ -139,7 +141,18 @@ class PlanRequest(Request):
         entered="s",
         above=0.0,
     )
+    threads: int | None = option(
+        "number of threads that plan a program of more than 500 lines; that of the processor's cores if left out. The "
+        "plan does not depend on it",
+        default=None,
+        least=1,
+        most=64,
+    )
     watch: bool = option("print a line of progress every 5 s", default=False)
+    no_pictures: bool = option(
+        "write the report without its pictures, which take longer to draw than a short program takes to plan",
+        default=False,
+    )
     out: Path | None = option(OUT, short="-o", default=None)
 
     def check(self) -> None:
@@ -178,10 +191,12 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     names = program.name, called(request.machine if machine is None else machine.name)
     # a generator that an error leaves suspended would keep the program file open
     counts = Counts()
-    spending = Spending(Budget(request.longest, request.most_cpu))
+    threads = cores() if request.threads is None else request.threads
+    # of all threads that plan
+    spending = Spending(Budget(request.longest, request.most_cpu), thread_time if threads == 1 else process_time)
     reading = _moves(request, program, limits, planned_kinematics(machine, limits), used.tolerance, progress, counts)
     with contextlib.closing(reading) as moves:
-        setpoints = Setpoints(moves, limits, sample_time, override, used, spending)
+        setpoints = Setpoints(moves, limits, sample_time, override, used, spending, threads)
         if request.out is None:
             planned = planned_of(setpoints, *names)
             return _outcome(planned, None, machine, counts)
@@ -192,7 +207,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
             if job := _job(request, program, machine, planned):
                 (folder / JOB).write_text(job, encoding="utf-8")
             progress.step("report")
-            (folder / "report.html").write_text(html(plan_report(planned)), encoding="utf-8")
+            (folder / "report.html").write_text(html(_report(planned, not request.no_pictures)), encoding="utf-8")
     outcome = _outcome(planned, request.out, machine, counts)
     return replace(outcome, then=line("run", request.out / JOB)) if job else outcome
 
@@ -259,6 +274,9 @@ def _found(path: str | Path) -> str:
 def _differing(machine: MachineFile, letters: str) -> list[str]:
     """Return remarks on axes with different tracking dynamics, or no remarks if a law has no linear model."""
     names = [name for name, loop in machine.loops.items() if name.upper() in letters and not loop.axis.rotary]
+    # imported after the plan, as the pages below: a program that is refused needs neither
+    from feeddrive.analysis.contour_control import matched_dynamics
+
     with contextlib.suppress(NoSlopeError):
         return matched_dynamics(machine.machine(), names).remarks()
     return []
@@ -332,7 +350,7 @@ def _moves(
                 progress.step(f"line {farthest:,} of {of:,}", farthest, of)
             if request.watch and now - watched >= _WATCHED:
                 watched = now
-                progress.remark(f"line {farthest:,} of {of:,}, {count:,} moves")
+                progress.remark(f"line {farthest:,} of {of:,}, {count_of(count, 'move')}")
 
 
 def _turning(orientation: str, limits: MachineLimits, tolerance: float | None) -> Turning:
@@ -420,7 +438,7 @@ def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None, co
         sentences.append(
             Text(
                 f"The tip stays within {Quantity(tip.deviation, 'm'):4} of the program, and the tool within "
-                f"{Quantity(tip.angle, 'rad'):deg} of its direction, proven on {tip.pieces:,} pieces."
+                f"{Quantity(tip.angle, 'rad'):deg} of its direction, proven on {count_of(tip.pieces, 'piece')}."
             )
         )
     if counts.left_out:
@@ -441,5 +459,18 @@ def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None, co
         files=files,
         judgment=judgment,
         failure=failure,
-        page=partial(plan_report, planned),
+        page=partial(_report, planned),
     )
+
+
+def _report(planned: Planned, pictures: bool = True) -> Report:
+    from feeddrive.report.machining_report import plan_report
+
+    return plan_report(planned, pictures)
+
+
+def html(report: Report) -> str:
+    """Return a report as a page."""
+    from feeddrive.report.page import html as written
+
+    return written(report)

@@ -29,7 +29,7 @@ from feeddrive.bus.virtual_nodes import serve_canopen, serve_ethercat
 from feeddrive.files.atomic_io import new_directory, write_whole
 from feeddrive.files.log import write_log
 from feeddrive.files.machine import MachineFile, MachineLike, read_machine
-from feeddrive.files.part_program import PLAN, SETPOINTS
+from feeddrive.files.plan_files import PLAN, SETPOINTS
 from feeddrive.language.errors import AbortedError, BusError, FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity

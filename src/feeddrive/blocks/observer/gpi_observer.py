@@ -178,13 +178,14 @@ class GpiObserver(Observer):
         """
         if self.taylor_states:
             halved, squarings = matrix.expm1_doubled(self._rate(T))
-            holds: Any = True
-            for s, change in enumerate(halved):
-                # T/2ˢ: the doubling of the exponential has computed these samples anyway
-                share = ops.power_of_two(ops.minimum(float(s), squarings) - squarings)
-                holds = ops.both(holds, matrix.decays(self._rejecting(self._sampled(change, share), share * T)))
+            # T/2ˢ: the doubling of the exponential has computed these samples anyway
+            shares = (ops.power_of_two(ops.minimum(float(s), squarings) - squarings) for s in range(len(halved)))
+            rejecting = (
+                self._rejecting(self._sampled(change, share), share * T)
+                for change, share in zip(halved, shares, strict=True)
+            )
             yield Rule(
-                holds,
+                matrix.all_decay(rejecting),
                 "omega_o is slow enough for the sample time: with the disturbance subtracted a rigid axis is stable",
                 lambda: self._refusal(T),
             )

@@ -1,12 +1,14 @@
 """The kernel decorator, kernel calls, and the machine code of the kernels of a file.
 
 A kernel of another file is called as an external function, linked to the code of that file, so every file is
-compiled only once.  The code is first compiled quickly.  After it has run for some time, it is recompiled with
-optimizer passes and better instruction selection; results and errors are identical.
+compiled only once.  The code is first compiled quickly.  A file whose kernels have run for some time, in this process
+and in earlier ones, is recompiled with optimizer passes and better instruction selection; results and errors are
+identical.
 """
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import hashlib
 import linecache
@@ -23,7 +25,6 @@ from threading import RLock
 from time import thread_time
 from types import FunctionType, ModuleType
 from typing import Any, Generic, NamedTuple, NoReturn, ParamSpec, TypeVar, cast
-from weakref import WeakSet
 
 import numpy as np
 
@@ -44,7 +45,7 @@ from feeddrive.language.kernels.source import (
     source_of,
 )
 from feeddrive.language.kernels.text import Failure, Function, struct_type
-from feeddrive.language.machine_code import MachineCode, linked_code, target
+from feeddrive.language.machine_code import MachineCode, linked_code, store_time_spent, target, time_spent
 
 # no-builtins: no loop becomes a call of the C library.  branch_weights: checks hardly ever fail
 _INTRINSICS = """
@@ -79,7 +80,7 @@ THOROUGH = Effort(
         "simplify_cfg",
     ),
 )
-_LONG = 0.25  # s in quickly compiled code, after which a process recompiles thoroughly
+_LONG = 0.25  # s in the quickly compiled code of a file, after which it is recompiled: about as long as that takes
 _KERNEL, _FAILURE = 10, 13  # bits of a status for the index of a kernel in its file, and of a failure in its kernel
 _ENTRY = "entry{}"
 _IDLE = re.compile(r"\s*(#.*)?$")  # lines on which the code does not depend
@@ -90,10 +91,9 @@ _lock = RLock()
 class Unit:
     """The kernels of a file."""
 
-    spent = 0.0  # s that the process has spent in quickly compiled code
-
     def __init__(self, sources: Iterable[Source]) -> None:
         self.sources = tuple(sources)
+        self.spent = 0.0  # s in the quickly compiled code of this file, in all processes
         self._places = {source: place for place, source in enumerate(self.sources)}
         self._functions: dict[Source, Function] = {}
         self._code: MachineCode | None = None
@@ -212,10 +212,16 @@ class Unit:
                 # another thread may have compiled it while this one waited for the lock
                 if self._code is None:
                     code = self._linked(THOROUGH, stored=True)
-                    # a process that has spent that long in quick code would recompile it at once
-                    self._effort = QUICK if code is None and Unit.spent <= _LONG else THOROUGH
-                    self._code = self._linked(self._effort) if code is None else code
-                    _used.add(self)
+                    if code is None:
+                        self.spent = time_spent(self.key)
+                        # many short processes run as long in this code as one long process
+                        self._effort = QUICK if self.spent <= _LONG else THOROUGH
+                        code = self._linked(self._effort)
+                        if self._effort is QUICK:
+                            _quick.append(self)
+                    else:
+                        self._effort = THOROUGH
+                    self._code = code
         assert self._code
         return self._code
 
@@ -229,19 +235,11 @@ class Unit:
         """True until the code has been recompiled thoroughly."""
         return self._effort is QUICK
 
-    @staticmethod
-    def ran(seconds: float) -> None:
-        """Add to the time spent in quickly compiled code; beyond a threshold, recompile all code thoroughly.
-
-        All files are recompiled at once, so that a long program pauses only once, and the 30 MB that LLVM
-        needs are allocated early.
-        """
-        Unit.spent += seconds
-        if Unit.spent > _LONG:
-            with _lock:
-                # a copy: compiling a file may load others, which adds them to the set
-                for unit in list(_used):
-                    unit.make(THOROUGH)
+    def ran(self, seconds: float) -> None:
+        """Add to the time spent in the quickly compiled code of this file; recompile it beyond a threshold."""
+        self.spent += seconds
+        if self.spent > _LONG:
+            self.make(THOROUGH)
 
     def make(self, effort: Effort) -> None:
         """Compile the code of this file and of the files that it calls with the given effort, unless already done."""
@@ -287,7 +285,16 @@ class Unit:
 
 _open: list[Source] = []  # kernels being printed: the chain of calls
 _keyed: list[Unit] = []  # units whose keys are being computed
-_used: WeakSet[Unit] = WeakSet()  # units whose code has been loaded
+_quick = list["Unit"]()  # units whose code was compiled quickly
+_LITTLE = 1e-3  # s: less need not be remembered
+
+
+@atexit.register
+def _remember() -> None:
+    """Store how long the quickly compiled code of each file has run, for the processes that follow."""
+    for unit in _quick:
+        if unit.quick and unit.spent > _LITTLE:
+            store_time_spent(unit.key, unit.spent)
 
 
 def _entry(place: int, source: Source, symbol: str) -> str:

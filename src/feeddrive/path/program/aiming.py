@@ -94,7 +94,7 @@ class Aiming:
         self._shift: list[float] = []
         self._cone = self._off = 0.0
         self._in_plane = False
-        self._tip: list[float] | None = None
+        self._tip: list[float] = []
 
     @property
     def waits(self) -> bool:
@@ -107,23 +107,28 @@ class Aiming:
         return bool(self._aims or self._ready)
 
     def begin(
-        self, kinematics: Kinematics, start: list[float], shift: list[float], cone: float, orientation: Orientation
+        self,
+        kinematics: Kinematics,
+        tip: list[float],
+        start: list[float],
+        shift: list[float],
+        cone: float,
+        orientation: Orientation,
     ) -> None:
         """Begin a run, unless one has begun.
 
+        tip    place of the tip before it, m
         start  rotary joints before it, rad;  shift  offsets of the rotary axes, rad, which joint positions contain
         """
         if not self._aims:
             self._kinematics, self._start, self._shift = kinematics, start, shift
-            self._cone, self._in_plane, self._tip = cone, orientation != "axes", None
+            self._cone, self._in_plane, self._tip = cone, orientation != "axes", tip
 
     def aim(self, direction: np.ndarray, tip: list[float], word: str) -> None:
         """Add the direction of the next motion, a unit vector, whose end is `tip`, m."""
         direction = direction[:, None]
-        way = 0.0
-        if self._aims and self._tip is not None:
-            turned = angle_between(direction, self._aims[-1].direction)
-            way = math.dist(tip, self._tip) + _RADIAN * float(turned[0])
+        turned = angle_between(direction, self._aims[-1].direction) if self._aims else np.zeros(1)
+        way = math.dist(tip, self._tip) + _RADIAN * float(turned[0])
         self._tip = tip
         self._aims.append(_Aim(direction, word, way))
         if len(self._aims) > MOST_AHEAD:

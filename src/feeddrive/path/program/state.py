@@ -273,8 +273,10 @@ class State:
         deviates = (
             not at_once and self.path_mode == "CANON_CONTINUOUS" and (self.tolerance > 0.0 or self.turning.always)
         )
-        self.aiming.begin(self.tool_point, start, shift, self.turning.cone if deviates else 0.0, self.orientation)
-        self.aiming.aim(np.array((x, y, z)), [coordinate / self.meters for coordinate in target[:3]], word)
+        cone = self.turning.cone if deviates else 0.0
+        here, there = ([coordinate / self.meters for coordinate in point[:3]] for point in (self.position, target))
+        self.aiming.begin(self.tool_point, here, start, shift, cone, self.orientation)
+        self.aiming.aim(np.array((x, y, z)), there, word)
         if at_once:
             before = list(self.position)
             self.settle()

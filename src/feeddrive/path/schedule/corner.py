@@ -18,7 +18,7 @@ v phi(0):
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -828,6 +828,10 @@ class _Run(NamedTuple):
     corner: float = 0.0  # tolerance of that corner
 
 
+Line: TypeAlias = _Run
+"""A run along a single line."""
+
+
 class Crossings:
     """The planner of corners, which starts each run before the previous one has ended as far as limits and tolerances
     allow.
@@ -845,15 +849,12 @@ class Crossings:
         part, m, or 0 for a stop there.
         """
         begins = part.motion.x[0] == 0.0 and part.motion.speed[0] == 0.0
-        run = self._line(Section(part.pieces, part.ends, tolerance)) if begins else None
+        run = self.line(Section(part.pieces, part.ends, tolerance)) if begins else None
         return self._next(run or _Run(part, tolerance, None))
 
-    def add_line(self, section: Section) -> list[Part] | None:
-        """If a section is a complete run along a single line, plan the run in closed form, add it and return the parts
-        as `add` does; otherwise return None.
-        """
-        run = self._line(section)
-        return self._next(run) if run else None
+    def add_line(self, line: Line) -> list[Part]:
+        """Add a run along a single line and return the parts that are now final."""
+        return self._next(line)
 
     def _next(self, two: _Run) -> list[Part]:
         one, self._open = self._open, two
@@ -870,8 +871,11 @@ class Crossings:
         last, self._fixed = self._fixed, None
         return [*leaves, last] if last else leaves
 
-    def _line(self, section: Section) -> _Run | None:
-        """Return the run of a section that is a single line, or None for any other section."""
+    def line(self, section: Section) -> Line | None:
+        """Return the run of a section that is a single line, planned in closed form, or None for any other section.
+
+        It depends on no other run.
+        """
         pieces = section.pieces
         if not section.ends or len(pieces.length) != 1 or pieces.kind[0] != LINE:
             return None

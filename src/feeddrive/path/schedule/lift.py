@@ -6,12 +6,16 @@ simultaneously (`spline`).  The result, in time intervals of constant snap, is u
 and is faster; otherwise the original plan is kept.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
-from typing import cast
+from itertools import chain
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from feeddrive.language.kernels.source import by_field, rows_for
+from feeddrive.language.threads import in_order
 from feeddrive.path.motion import (
     LINE,
     Derivatives,
@@ -29,6 +33,9 @@ from feeddrive.path.proof import DERIVATIVES, Broken, faults_of
 from feeddrive.path.schedule import spline
 from feeddrive.path.schedule.ramp import Slopes
 from feeddrive.path.schedule.spline import Basis, Forces, Points, Rates, Reached, Room, State
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 # less reserve fails more proofs and costs more rounds, more reserve costs time of the motion
 SHARES = (1.0 - 1e-4, 0.995, 0.99, 0.98)  # of the limits, at the points: the rest is for the motion between them
@@ -63,12 +70,14 @@ _TOP = 0.995  # of the speed allowed by feed and velocity limits: such a plateau
 class Lifter:
     """The lifter of consecutive parts of runs; `limits` are in m/s .. m/s⁴, shape (N, 4).
 
+    `workers` lift the sections of a part that do not depend on each other; None: one after the other.
+
     The last portion of a lifted section is held back, to be lifted again with the next part. A lifted section ends in
     the same state as the original plan, whose planned stop therefore remains valid.
     """
 
-    def __init__(self, limits: np.ndarray) -> None:
-        self._limits = np.ascontiguousarray(limits, float)
+    def __init__(self, limits: np.ndarray, workers: Executor | None = None) -> None:
+        self._limits, self._workers = np.ascontiguousarray(limits, float), workers
         self.hand: Part | None = None  # the part held back
         self._spans = 0  # number of its time intervals that are already spans
 
@@ -85,21 +94,29 @@ class Lifter:
         rests = _rests(motion)
         motions: list[Motion] = []
         come, n = 0, len(motion.duration)
-        waiting = _sections(motion, rests, path.top, part.pieces.length)[::-1]
-        while waiting:
-            first, last = waiting.pop()
-            begins, ends = bool(rests[first]), bool(rests[last])
-            # an estimate, not a bound: lifting 1,908 ramps gained at most 0.69 of it
-            if path.gain(motion, first, last) < _LITTLE * _around_time(motion, first, last):
-                continue
-            lifted, kept = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
-            if lifted is not None:
-                motions += [_some(motion, come, first), lifted]
-                come = last
-                if last == n and not ends:
-                    self._spans = len(lifted.duration) - kept  # it goes on
-            else:
-                waiting += _halves(motion, first, last)
+
+        def within(section: tuple[int, int]) -> list[tuple[int, int, Motion, int]]:
+            """Lift a section, or what of its halves can be; it depends on no other section."""
+            waiting, done = [section], list[tuple[int, int, Motion, int]]()
+            while waiting:
+                first, last = waiting.pop()
+                begins, ends = bool(rests[first]), bool(rests[last])
+                # an estimate, not a bound: lifting 1,908 ramps gained at most 0.69 of it
+                if path.gain(motion, first, last) < _LITTLE * _around_time(motion, first, last):
+                    continue
+                lifted, kept = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
+                if lifted is not None:
+                    done.append((first, last, lifted, kept))
+                else:
+                    waiting += _halves(motion, first, last)
+            return done
+
+        sections = _sections(motion, rests, path.top, part.pieces.length)
+        for first, last, lifted, kept in chain.from_iterable(in_order(self._workers, within, sections)):
+            motions += [_some(motion, come, first), lifted]
+            come = last
+            if last == n and not rests[last]:
+                self._spans = len(lifted.duration) - kept  # it goes on
         motions.append(_some(motion, come, n))
         part = part._replace(motion=_one(motions))
         if self._spans:
@@ -215,8 +232,7 @@ class _Path:
         at_begin, at_end = factors
         starts = _slower(State(motion.speed[0], motion.acceleration[0], motion.jerk[0]), at_begin)
         end = _slower(end, at_end)
-        # a limit must not fall faster from the given states at the ends than the motion can
-        given = np.minimum(1.0, ((1.0 + np.minimum(np.arange(n), n - 1 - np.arange(n))) / _GIVEN) ** 2)
+        given = _reduced(n)
         failed = nowhere
         timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
         more = rows_for(State, n + 1), np.zeros((2 * _TOGETHER, 4))
@@ -342,6 +358,14 @@ def _room(m: int, n: int, axes: int) -> Room:
 
 def _some_points(points: Points, first: int, last: int) -> Points:
     return Points._make([array[first:last] for array in cast("tuple[np.ndarray, ...]", points)])
+
+
+def _reduced(n: int) -> np.ndarray:
+    """Return the share of the reduction of a limit in each of n spans: with all of it next to the given states at the
+    ends the limit would fall faster than the motion can.
+    """
+    from_end = np.minimum(np.arange(n), n - 1 - np.arange(n))
+    return np.minimum(1.0, ((1.0 + from_end) / _GIVEN) ** 2)
 
 
 def _around(spans: np.ndarray, n: int) -> list[tuple[int, int]]:

@@ -293,7 +293,6 @@ def brake_soon(path: Path, left: float, stop: float, v0: float, v1: float) -> St
     return brake(path, left, left + high, v0, v1)
 
 
-_TRIES = 8  # number of slow pieces of a stretch that are tried as plateaus
 _HIGHEST, _LEAST = 16.0, 4.0  # speeds, relative to the plateau, up to which ramps on either side are compared
 # rounding must not move the end of a ramp to the piece behind a joint, for which it was not made
 MARGIN = 4e-15  # of the planned length: distance of the ends of ramps from joints

@@ -1,13 +1,19 @@
 """Motions along sections at one feed: schedule, lifting, and corners in time."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from feeddrive.path.motion import Limits, Part, Section
-from feeddrive.path.schedule.corner import Crossings
+from feeddrive.path.schedule.corner import Crossings, Line
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Schedule, Start
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 
 def at_factor(section: Section, factor: float) -> Section:
@@ -24,37 +30,70 @@ def limits_at(limits: np.ndarray, factor: float) -> np.ndarray:
     return np.ascontiguousarray(limits * np.array(Limits(min(factor, 1.0), 1.0, 1.0, 1.0)))
 
 
+class Scheduled(NamedTuple):
+    """A part as scheduled, which is not yet lifted, with the tolerance of the corner at its end, m."""
+
+    part: Part
+    tolerance: float
+
+
 class Planner:
     """The planner of consecutive sections at one feed factor.
 
-    limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
-    factor  feed factor
-    start   where the motion begins, if it is not at rest at the start of a run
-    before  motion up to the start, which is lifted together with what follows
+    limits   limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    factor   feed factor
+    start    where the motion begins, if it is not at rest at the start of a run
+    before   motion up to the start, which is lifted together with what follows
+    workers  lift what does not depend on each other; None: one after the other
     """
 
     def __init__(
-        self, limits: np.ndarray, factor: float = 1.0, start: Start | None = None, before: Part | None = None
+        self,
+        limits: np.ndarray,
+        factor: float = 1.0,
+        start: Start | None = None,
+        before: Part | None = None,
+        workers: Executor | None = None,
     ) -> None:
         limits = limits_at(limits, factor)
         self._factor = factor
-        self._schedule, self._lifter, self._crossings = Schedule(limits, start=start), Lifter(limits), Crossings(limits)
+        self._schedule, self._crossings = Schedule(limits, start=start), Crossings(limits)
+        self._lifter = Lifter(limits, workers)
         self._lifter.hand = before
 
     def along(self, sections: Iterable[Section], ends: bool) -> Iterator[Part]:
         """Yield the parts that are final after these sections of a chain: all of them if it `ends`."""
-        for part in self._along(sections, ends):
-            yield part._replace(factor=self._factor)
+        for scheduled in self.scheduled(sections):
+            yield from self.lifted(scheduled)
+        if ends:
+            yield from self.end()
 
-    def _along(self, sections: Iterable[Section], ends: bool) -> Iterator[Part]:
+    def scheduled(self, sections: Iterable[Section]) -> Iterator[Scheduled | Line]:
+        """Yield the parts that the schedule makes of these sections, and runs along a single line.
+
+        Another thread may `lift` the earlier ones.
+        """
         for each in sections:
             section = at_factor(each, self._factor)
-            line = self._crossings.add_line(section) if self._schedule.rests else None
+            line = self._crossings.line(section) if self._schedule.rests else None
             if line is not None:
-                yield from line
+                yield line
                 continue
             for part in self._schedule.add(section):
-                for lifted in self._lifter.add(part):
-                    yield from self._crossings.add(lifted, section.tolerance)
-        if ends:
-            yield from self._crossings.end()
+                yield Scheduled(part, section.tolerance)
+
+    def lifted(self, scheduled: Scheduled | Line) -> Iterator[Part]:
+        """Yield the parts that are final after the next part or line of the schedule."""
+        if isinstance(scheduled, Scheduled):
+            for lifted in self._lifter.add(scheduled.part):
+                yield from self._final(self._crossings.add(lifted, scheduled.tolerance))
+        else:
+            yield from self._final(self._crossings.add_line(scheduled))
+
+    def end(self) -> Iterator[Part]:
+        """Yield the remaining parts, at the end of a chain."""
+        yield from self._final(self._crossings.end())
+
+    def _final(self, parts: Iterable[Part]) -> Iterator[Part]:
+        for part in parts:
+            yield part._replace(factor=self._factor)

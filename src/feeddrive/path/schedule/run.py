@@ -29,7 +29,8 @@ from feeddrive.path.schedule.ramp import NO_RAMP, Cap, Path, Slopes, duration, p
 SHARES = ((0.9, 0.6), (0.7, 0.4))
 # a second plan takes as long as the first: where the first has been faster in _SURE windows of a run in sequence, the
 # second is made in every _AGAIN-th window only
-_SURE, _AGAIN = 2, 4
+_SURE = 2
+_AGAIN = 4
 # 3,000 chords of 1 mm take 0.4 % longer with windows of 400 pieces of which 0.6 are kept, and 1.15 times the CPU
 WINDOW = 800  # number of pieces
 # beyond that the plan already brakes to the stop at the end of its window

@@ -35,7 +35,8 @@ _NEARER = 0.1  # least part of the distance to a limit that a step must leave
 _ROUNDING = 1e-9  # part of a relaxed limit that must be left, whatever the expansion to first order says
 # a multiplier is kept within these multiples of that at which its penalty is smallest: far from it the curvature of the
 # penalty says nothing
-_LEAST_FORCE, _MOST_FORCE = 0.3, 3.0
+_LEAST_FORCE = 0.3
+_MOST_FORCE = 3.0
 _FALL = 0.25  # factor of the penalty per step
 _LEFT = 0.05  # of the penalty: largest time still to be gained, relative to the whole, before the penalty is lowered
 _PATIENCE = 8  # number of steps in which the worst violation may stay above 0.98 of the least so far

@@ -286,7 +286,7 @@ def quickest_stop(
             break
         if failed and 2 * len(aims) <= _MOST:
             # the path turns within spans: more points in them would only make the stop longer
-            n = 2 * len(aims)
+            failed, n = False, 2 * len(aims)
             aims, points, snaps = np.full((n, *limits.shape), _AIM), _points(n), _regridded(snaps, n)
         tried, snaps, use = at(lasts, snaps)
         if use <= 1.0:
@@ -300,7 +300,7 @@ def quickest_stop(
                     return known
                 axis, number = divmod(int(which), len(Limits._fields)) if which >= 0 else (slice(None), 0)
                 aims[max(int(where) - 1, 0) : int(where) + 2, axis, number] *= _TIGHTER
-                points.append((int(where), float(t) * n / lasts))
+                points.append((int(where), float(t) * len(aims) / lasts))
         longer = min(max(use**_POWER, _SLOWER), _MUCH)
         lasts, snaps = longer * lasts, snaps / longer**3
     return known
