@@ -42,7 +42,7 @@ from feeddrive.path.program.moves import Command, Feed, Line, PathMode, Spline, 
 from feeddrive.path.program.reading import read_commands, read_program
 from feeddrive.path.proof import Prover, faults_of
 from feeddrive.path.purpose import DEFAULT
-from feeddrive.path.schedule import lift, plan, ramp, spline
+from feeddrive.path.schedule import lift, plan, ramp, run, spline
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.override import override
 from feeddrive.path.schedule.plan import timed
@@ -290,6 +290,19 @@ def test_eight_tenths_of_a_window_become_final() -> None:
     part = next(iter(Schedule(LIMITS).add(straight(1000))))
     assert isinstance(part, Part)
     assert 0.5 < float(np.sum(part.pieces.length)) < 0.7  # of 800 mm
+
+
+def test_after_two_windows_the_second_pair_of_shares_is_tried_in_every_fourth(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a line both pairs give the same plan, of which the first counts as faster."""
+    fastest, tried = run._fastest, list[int]()
+
+    def recorded(begin: np.ndarray, rooms: list[Any], *rest: Any) -> Any:
+        tried.append(len(rooms))
+        return fastest(begin, rooms, *rest)
+
+    monkeypatch.setattr(run, "_fastest", recorded)
+    assert [*Schedule(LIMITS, 50).add(straight(600))]
+    assert tried[:10] == [2, 2, 1, 1, 2, 1, 1, 1, 2, 1]
 
 
 def test_planning_a_ramp_ends_after_some_sixteen_passes(monkeypatch: pytest.MonkeyPatch) -> None:
