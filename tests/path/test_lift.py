@@ -146,7 +146,9 @@ def curve(seed: int) -> tuple[list[Part], list[Part]]:
     return both(pieces, limits, 400)
 
 
-@pytest.mark.parametrize(("seed", "share"), [(126, 0.59), (156, 0.46), (171, 0.48), (189, 0.50)])
+@pytest.mark.parametrize(
+    ("seed", "share"), [(11, 0.61), (56, 0.53), (72, 0.56), (126, 0.59), (156, 0.46), (171, 0.48), (189, 0.50)]
+)
 def test_lifted_curves_take_about_half_of_the_planned_time(seed: int, share: float) -> None:
     """5 % more than measured."""
     before, after = curve(seed)
