@@ -821,3 +821,13 @@ def test_noise_that_costs_half_of_the_goal_is_a_reason_to_measure_again(
 def test_a_reserve_settles_that_halves_its_distance_in_each_round(reserved: Callable[..., Any]) -> None:
     """From one deviation off, to twice the 0.03 by which it may still change."""
     assert reserved(0.1, lambda sure: 0.5 * (sure + 2.645)).best.sure == pytest.approx(2.645, abs=0.06)
+
+
+def test_the_bound_of_any_notch_belongs_to_the_first_operating_point() -> None:
+    """Its number tells notches apart: two of them at one measured point have two bounds there, and no other point."""
+    notches = [Notch(frequency=f, damping_zero=0.1, damping_pole=0.4) for f in (100.0, 200.0)]
+    control = replace(fd.read_machine("ball_screw").loop(None).control, filters=tuple(notches))
+    names = ["filters.0.damping_zero", "filters.1.damping_zero"]
+    bounds = criteria.Bounds.of(criteria.notches_stay_notches(control, names, np.log([0.1, 0.2])))
+    assert [(bound.point, bound.key) for bound in bounds] == [(0, ("notch", 0, 0)), (0, ("notch", 0, 1))]
+    assert bounds.slack == pytest.approx(np.log([4.0, 2.0]), rel=1e-12)

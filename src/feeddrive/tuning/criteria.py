@@ -164,6 +164,7 @@ class Bound(NamedTuple):
     figure     the limited figure; None for the bound that ensures that a notch attenuates
     slope      derivatives of the slack with respect to the tunables
     deviation  standard deviation of the slack due to the measurement
+    key        kind, operating point, and line of a limit or number of the filter that is a notch
     """
 
     figure: Figure | None
@@ -193,7 +194,7 @@ class Bounds:
     @classmethod
     def of(cls, bounds: Iterable[Bound]) -> Bounds:
         """Return bounds in groups of one each."""
-        return cls([(b.figure, b.key[0], b.key[1], Places.of([Place(*b[2:6], b.key[2])])) for b in bounds])
+        return cls([(b.figure, b.key[0], b.point, Places.of([Place(*b[2:6], b.key[2])])) for b in bounds])
 
     def __add__(self, other: Bounds) -> Bounds:
         return Bounds((*self.groups, *other.groups))
@@ -260,7 +261,7 @@ def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarra
             if name in tunables:
                 place = list(tunables).index(name)
                 slope[place], values[k] = sign, x[place]
-        bounds.append(Bound(None, 0, 0.0, float(values[1] - values[0]), slope, 0.0, (NOTCH, i, 0)))
+        bounds.append(Bound(None, 0, 0.0, float(values[1] - values[0]), slope, 0.0, (NOTCH, 0, i)))
     return bounds
 
 

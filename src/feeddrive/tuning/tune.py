@@ -1596,7 +1596,7 @@ def _edges(tuner: Tuner, best: Best) -> list[str]:
         there = Quantity(size, unit, form="SI")
         texts.append(Text(f"{shown} = {there} is the {end} end of the range of the search{reason}"))
     texts += [
-        f"filters.{bound.key[1]} (notch) would amplify instead of attenuate, so it is flat"
+        f"filters.{bound.key[2]} (notch) would amplify instead of attenuate, so it is flat"
         for bound in best.end.judged.bounds
         if bound.figure is None and best.end.force.get(bound.key, 0.0) > 1e-3 and bound.slack < 0.02
     ]
