@@ -10,7 +10,7 @@ from contextlib import closing
 import pytest
 
 from feeddrive.language.kernels.kernel import interpreted, kernel
-from feeddrive.language.threads import ahead, in_order, short_turns, through
+from feeddrive.language.threads import ahead, in_order, through
 
 
 def counted(until: int, seen: list[int] | None = None) -> Iterator[int]:
@@ -110,12 +110,3 @@ def test_results_have_the_order_of_their_items_and_context_variables_are_kept() 
     # no machine code was made: the threads have run the interpreter, too
     assert third.unit._code is None
     assert len(threads) > 1
-
-
-def test_the_interval_of_turns_is_that_of_before() -> None:
-    import sys
-
-    before = sys.getswitchinterval()
-    with short_turns():
-        assert sys.getswitchinterval() < before
-    assert sys.getswitchinterval() == before

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import os
-import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from contextvars import copy_context
 from functools import lru_cache
 from time import monotonic
@@ -20,8 +19,6 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _LOOK = 0.2  # s: on some systems a thread that waits without a limit does not see Ctrl-C
-# a thread that comes from machine code waits so long for one that runs Python: by default 5 ms, many times a kernel
-_TURN = 2e-4  # s
 _GROUP = 2e-3  # s: items that are made so quickly are handed over together, as each change of threads costs some 50 µs
 
 
@@ -187,14 +184,3 @@ def in_order(workers: Executor | None, work: Callable[[Item], Result], items: Se
     yield work(items[0])
     for other in others:
         yield other.result()
-
-
-@contextmanager
-def short_turns() -> Generator[None]:
-    """Let threads take turns often while this context is open: those that run kernels need Python's lock briefly."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(min(before, _TURN))
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(before)

@@ -22,7 +22,7 @@ from feeddrive.language.kernels.source import Records, Records2
 from feeddrive.language.quantity import Quantity, number
 from feeddrive.language.series import Taylor
 from feeddrive.language.text import Text
-from feeddrive.language.threads import ahead, short_turns, through
+from feeddrive.language.threads import ahead, through
 from feeddrive.path.feed_loss import CORNER, FeedLossRecorder
 from feeddrive.path.geometry.joints import SMOOTH, Joiner
 from feeddrive.path.geometry.segments import Chain, chains
@@ -276,7 +276,7 @@ def _on_threads(
     """Yield the parts and pauses of `planned`: read and joined in this thread, scheduled and lifted in others."""
     from concurrent.futures import ThreadPoolExecutor  # not for short programs
 
-    with short_turns(), ThreadPoolExecutor(threads, "plan") as workers:
+    with ThreadPoolExecutor(threads, "plan") as workers:
 
         def stage(joined: Iterator[_Joined | Future[_Joined] | Pause]) -> Iterator[_Joined | Part | Pause]:
             with closing(ahead(_scheduled(joined, limits, workers), _AHEAD)) as scheduled:
