@@ -187,7 +187,7 @@ def first() -> None:
             print(f"first plan, {what}: {said.stdout.strip()}")
 
 
-def start(repeats: int = 5) -> None:
+def start(repeats: int = 3) -> None:
     """The processor time of the command on 100 lines of `mixed`, the least of some runs; a fresh cache for each."""
     main = ["-c", "from feeddrive.cli import main; main()"]
     with tempfile.TemporaryDirectory() as folder:
@@ -209,7 +209,8 @@ def start(repeats: int = 5) -> None:
                 with tempfile.TemporaryDirectory() as cache:
                     cold.append(_spent(command, cache))
                     # a few more, since kernels that have run long are compiled again, thoroughly
-                    warm += [_spent(command, cache) for _ in range(6 if command[2] == "plan" else 1)][-2:]
+                    more = 6 if "plan" in command and "--out" in command else 1
+                    warm += [_spent(command, cache) for _ in range(more)][-2:]
             print(f"| {name} | {min(cold):.2f} | {min(warm):.2f} |", flush=True)
 
 
