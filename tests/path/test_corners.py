@@ -15,7 +15,8 @@ from feeddrive.path.geometry.segments import Chain
 from feeddrive.path.motion import Motion, Part, Pieces, direction
 from feeddrive.path.proof import Proof, Prover
 from feeddrive.path.schedule import corner as planner
-from feeddrive.path.schedule.corner import ROWS, Crossings, LineStretch, Node, overlapped, shared, straight, width
+from feeddrive.path.schedule.corner import ROWS, LineStretch, Node, shared, straight, width
+from feeddrive.path.schedule.crossings import Crossings, overlapped
 from feeddrive.path.schedule.run import Schedule, plan_run
 from feeddrive.path.setpoints import Sampler
 from fresh_draws import Seeded
@@ -149,7 +150,7 @@ def test_a_short_overlap_lasts_as_long_as_the_closed_form(lasts: float):
 def test_phases_that_end_within_1e_12_of_an_overlap_end_together(apart: float, count: int):
     one, two = np.zeros((2, 6)), np.zeros((2, 6))
     one[:, 0], two[:, 0] = (0.5, 0.5), (0.5 + apart, 0.5 - apart)
-    assert shared(one, two, 1.0, np.zeros((4, 6)), np.zeros((4, 6))).common == count
+    assert shared(one, 2, two, 2, 1.0, np.zeros((4, 6)), np.zeros((4, 6))).common == count
 
 
 def test_arcs_overlap_in_corners_as_lines_do():

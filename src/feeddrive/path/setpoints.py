@@ -51,7 +51,7 @@ from feeddrive.path.program.budget import Spending
 from feeddrive.path.program.moves import Arc, Begin, Move, Spline, Straight, ToolPoint
 from feeddrive.path.proof import Prover
 from feeddrive.path.purpose import DEFAULT, Settings
-from feeddrive.path.schedule.corner import Line as LineRun
+from feeddrive.path.schedule.crossings import Lines
 from feeddrive.path.schedule.override import Overridden, Override
 from feeddrive.path.schedule.planner import Planner, Scheduled
 from feeddrive.path.tip_proof import LEFT, TipProver
@@ -315,7 +315,7 @@ def _lifted(scheduled: Iterable[tuple[Planner, Any]]) -> Iterator[_Joined | Part
             yield each
         elif isinstance(each, _End):
             yield from planner.end() if each.ends else ()
-        elif isinstance(each, Scheduled | LineRun):
+        elif isinstance(each, Scheduled | Lines):
             yield from planner.lifted(each)
         else:
             joined = each if isinstance(each, _Joined) else each.result()
