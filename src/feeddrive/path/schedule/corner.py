@@ -50,6 +50,7 @@ from feeddrive.path.schedule.ramp import (
 _HALVINGS = 24  # largest number of halvings of the overlap
 _TOLERANT = 0.02  # relative accuracy of the longest overlap within the tolerance
 _SHORTER = 8  # number of overlaps tried with slower motions, in equal steps
+_CLOSER = 3  # number of times that these steps are halved
 _SLIVER = 1e-12  # of an overlap: two phases that end so close together end simultaneously
 BELOW = 1.0 - 1e-10  # of a tolerance, for rounding
 
@@ -396,10 +397,21 @@ def slower_overlap(
     best = least
     found = 0.0
     factor = 1.0
-    for k in range(_SHORTER):
-        lasts = within * (1.0 - float(k) / float(_SHORTER))
-        if lasts <= best:
-            break
+    step = within / float(_SHORTER)
+    place = within
+    middle = within
+    for k in range(_SHORTER + 2 * _CLOSER):
+        # in equal steps, then on either side of the best of them in steps that are halved
+        lasts = within - float(k) * step
+        if k >= _SHORTER:
+            if found == 0.0:
+                break
+            if (k - _SHORTER) % 2 == 0:
+                step = 0.5 * step
+                middle = place
+            lasts = min(middle + (step if (k - _SHORTER) % 2 == 0 else -step), within)
+        elif lasts <= best:
+            continue
         _share, distance, slower = together(one, two, lasts, limits, feed)
         slower = max(slower, 1.0) * (1.0 + 1e-9)
         saved = slower * lasts - (slower - 1.0) * whole
@@ -407,6 +419,7 @@ def slower_overlap(
             best = saved
             found = slower * lasts
             factor = slower
+            place = lasts
     return found, factor
 
 

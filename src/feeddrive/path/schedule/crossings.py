@@ -220,16 +220,24 @@ class Crossings:
     def _stopped(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
         """Return both runs with unchanged motions and their longest overlap."""
         end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
-        longest = _longest(one, end, two, begin)
-        lasts = overlap(end, begin, longest, one.tolerance, self._limits)
-        two = two._replace(lasts=lasts if lasts >= SHORTEST else 0.0, corner=one.tolerance)
-        # motions along one line are planned anew with other limits instead
-        if one.whole or two.whole or not (_rests(one.part) and _rests(two.part)):
-            return one, two
-        whole = _time(one.part.motion) + _time(two.part.motion)
-        lasts, factor = slower_overlap(end, begin, longest, one.tolerance, self._limits, whole, two.lasts + SHORTEST)
-        before, after = _slower(one, factor), _slower(two, factor)._replace(lasts=lasts)
-        return (before, after) if lasts > 0.0 and self._holds(before) else (one, two)
+        lasts = overlap(end, begin, _longest(one, end, two, begin), one.tolerance, self._limits)
+        return one, two._replace(lasts=lasts if lasts >= SHORTEST else 0.0, corner=one.tolerance)
+
+    def _both_slower(self, one: _Run, two: _Run, best: tuple[_Run, _Run]) -> tuple[_Run, _Run]:
+        """Return both runs slower as a whole, if with their overlap they take less time than `best`, which is returned
+        otherwise.
+        """
+        if not (_rests(one.part) and _rests(two.part)):
+            return best
+        end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
+        longest, whole = _longest(one, end, two, begin), _time(one.part.motion) + _time(two.part.motion)
+        least = max(whole - _together(best), 0.0) + SHORTEST
+        lasts, factor = slower_overlap(end, begin, longest, one.tolerance, self._limits, whole, least)
+        if lasts == 0.0:
+            return best
+        before = _slower(one, factor)
+        after = _slower(two, factor)._replace(lasts=lasts, corner=one.tolerance)
+        return (before, after) if self._holds(before) else best
 
     def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
         """Plan the corner between two runs; return both, the first one in its final form."""
@@ -245,7 +253,7 @@ class Crossings:
                 stopped = self._stopped(before, after)
                 if _together(stopped) < _together(best) and self._holds(before):
                     best = stopped
-        return best
+        return self._both_slower(one, two, best)
 
     def _slowed(self, run: _Run, stretch: _Stretch | None, tail: bool, share: float) -> _Run | None:
         """Return the run with a slower ramp on the line at the corner, which is its `tail` or its head: its jerk limit
@@ -302,7 +310,7 @@ class Crossings:
         two = two._replace(lasts=found.lasts, corner=one.tolerance)
         if not found.first:
             # without a bump both may stop in the corner more slowly
-            return (one, two) if one.whole or two.whole else self._stopped(one, two)
+            return (one, two) if one.whole and two.whole else self._both_slower(one, two, (one, two))
         n = len(one.part.pieces.length) - 1
         rows0, rows1 = rows0[: found.first], rows1[: found.second]
         made0, made1 = _spliced(tail, motion0, n, rows0), _spliced(head, motion1, 0, rows1)
@@ -399,8 +407,30 @@ def _rests(part: Part) -> bool:
 
 
 def _slower(run: _Run, factor: float) -> _Run:
-    """Return a run, other than along one line, that takes `factor` times as long."""
-    return run._replace(part=run.part._replace(motion=slowed(run.part.motion, factor)))
+    """Return a run that takes `factor` times as long."""
+    run = run._replace(part=run.part._replace(motion=slowed(run.part.motion, factor)))
+    if run.whole is None or run.seen is None:
+        return run
+    # planned anew at its other corner with limits that make the same motion
+    line = run.whole.line
+    line = line._replace(
+        fastest=line.fastest / factor,
+        acceleration=line.acceleration / factor**2,
+        jerk=line.jerk / factor**3,
+        snap=line.snap / factor**4,
+        head=_slower_node(line.head, factor),
+        tail=_slower_node(line.tail, factor),
+    )
+    return run._replace(
+        whole=run.whole._replace(line=line), seen=_made(run.seen, rows(run.part.motion), run.part.motion)
+    )
+
+
+def _slower_node(node: Node, factor: float) -> Node:
+    """Return the end of a stretch whose motion takes `factor` times as long."""
+    return node._replace(
+        speed=node.speed / factor, wide=node.wide * factor, short=node.short * factor, jerk=node.jerk / factor**3
+    )
 
 
 def _together(both: tuple[_Run, _Run]) -> float:
