@@ -1120,7 +1120,9 @@ def meet_lines(runs: LineRuns, limits: Records[Limits], work: Records2[Interval]
             time0 = lasting(motion[zero], used[zero])
             time1 = lasting(motion[one], used[one])
             time2 = lasting(motion[two], used[two])
-            ended = End(motion[zero], used[zero], time0, line[zero].length, feed[zero], along[zero], most[zero], LINE, along)
+            ended = End(
+                motion[zero], used[zero], time0, line[zero].length, feed[zero], along[zero], most[zero], LINE, along
+            )
             end = End(motion[one], used[one], time1, line[one].length, feed[one], along[one], most[one], LINE, along)
             begin = End(motion[two], used[two], time2, line[two].length, feed[two], along[two], most[two], LINE, along)
             found = meet(

@@ -123,7 +123,9 @@ def _line_run(pieces: Pieces, runs: LineRuns, k: int, tolerance: float, corner: 
     used = int(runs.used[k])
     new, line = runs.motion[k][:used], by_field(LineStretch, runs.line[k])
     motion = from_rows(new, 0)
-    seen = End(new, used, _time(motion), line.length, float(runs.feed[k]), runs.along[k], runs.most[k], LINE, runs.along)
+    seen = End(
+        new, used, _time(motion), line.length, float(runs.feed[k]), runs.along[k], runs.most[k], LINE, runs.along
+    )
     return _Run(Part(pieces, motion, True), tolerance, _Stretch(0, used, line), seen, float(runs.lasts[k]), corner)
 
 
