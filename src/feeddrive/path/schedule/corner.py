@@ -895,6 +895,7 @@ def meet(
             one = one._replace(tail=node)
             two = two._replace(head=node)
             good = False
+            long = False  # if there is no room for the bump
             excess = 1.0  # largest share of a limit; 1 if unknown
             both = 2.0 * w + short
             peak0 = _peak(one)
@@ -910,7 +911,8 @@ def meet(
                 n = _rows(one, peak0, rows0)
                 m = _rows(two, peak1, rows1)
                 good = n > 0 and m > 0
-                good = good and both <= time0 - before.lasts and both <= (0.5 * time1 if half else time1)
+                long = both > time0 - before.lasts or both > (0.5 * time1 if half else time1)
+                good = good and not long
                 end = end._replace(motion=rows0, used=n, length=one.length)
                 begin = begin._replace(motion=rows1, used=m)
             if good:
@@ -921,8 +923,8 @@ def meet(
                 most, away, _slower = together(before.end, end, before.lasts, limits, before_feed)
                 good = most <= 1.0 + 1e-10 and away <= before.tolerance
                 excess = most
-            if slower or good:
-                low = v  # lower speeds are slower as well
+            if slower or good or long:
+                low = v  # lower speeds are slower as well, and their bumps longer
                 if good:
                     reached = v
                     best = time

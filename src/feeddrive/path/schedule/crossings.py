@@ -237,9 +237,9 @@ class Crossings:
         lasts, factor = slower_overlap(end, begin, longest, one.tolerance, self._limits, whole, least)
         if lasts == 0.0:
             return best
-        before = _slower(one, factor)
-        after = _slower(two, factor)._replace(lasts=lasts, corner=one.tolerance)
-        return (before, after) if self._holds(before) else best
+        before = self._held(_slower(one, factor))
+        found = before, _slower(two, factor)._replace(lasts=lasts, corner=one.tolerance)
+        return found if _together(found) + one.lasts - before.lasts < _together(best) else best
 
     def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
         """Plan the corner between two runs; return both, the first one in its final form."""
@@ -285,6 +285,14 @@ class Crossings:
         end, begin = _end(self._fixed, True), run.seen or _end(run.part, False)
         share, away, _ = together(end, begin, run.lasts, self._limits, max(end.feed, begin.feed))
         return share <= 1.0 + 1e-10 and away <= run.corner
+
+    def _held(self, run: _Run) -> _Run:
+        """Return a slower run whose overlap with the previous one is shorter if it would not hold otherwise."""
+        if self._holds(run) or self._fixed is None:
+            return run
+        end, begin = _end(self._fixed, True), run.seen or _end(run.part, False)
+        lasts = overlap(end, begin, run.lasts, run.corner, self._limits)
+        return run._replace(lasts=lasts if lasts >= SHORTEST else 0.0)
 
     def _on_lines(self, one: _Run, tail: _Stretch, two: _Run, head: _Stretch) -> tuple[_Run, _Run]:
         """Plan the corner between two runs with these stretches of lines before and behind it."""
