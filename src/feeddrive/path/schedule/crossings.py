@@ -239,7 +239,8 @@ class Crossings:
             return best
         before = self._held(_slower(one, factor))
         found = before, _slower(two, factor)._replace(lasts=lasts, corner=one.tolerance)
-        return found if _together(found) + one.lasts - before.lasts < _together(best) else best
+        lost = best[0].lasts - before.lasts
+        return found if _together(found) + lost < _together(best) else best
 
     def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
         """Plan the corner between two runs; return both, the first one in its final form."""
@@ -247,15 +248,18 @@ class Crossings:
         head = two.whole or self._head(two.part)
         if tail is not None and head is not None:
             return self._on_lines(one, tail, two, head)
-        best = self._stopped(one, two)
+        best, ways = self._stopped(one, two), [(one, two)]
         # next to an arc a slower ramp on the line leaves room for the derivatives that curvature adds on its axes
         for share in _SLOWED if (tail is None) != (head is None) else ():
             before, after = self._slowed(one, tail, True, share), self._slowed(two, head, False, share)
             if before and after:
+                ways.append((before, after))
                 stopped = self._stopped(before, after)
                 if _together(stopped) < _together(best) and self._holds(before):
                     best = stopped
-        return self._both_slower(one, two, best)
+        for before, after in ways:
+            best = self._both_slower(before, after, best)
+        return best
 
     def _slowed(self, run: _Run, stretch: _Stretch | None, tail: bool, share: float) -> _Run | None:
         """Return the run with a slower ramp on the line at the corner, which is its `tail` or its head: its jerk limit
