@@ -38,11 +38,12 @@ from feeddrive.path.motion import (
     Pieces,
     Section,
     TipColumns,
-    chain,
+    at_instant,
     counted,
     cubic,
     derivatives,
     direction,
+    interval_of,
     part_of_pieces,
     way,
 )
@@ -453,35 +454,22 @@ def _sample(
     """
     count = 0
     since = begin
-    last = len(pieces.length) - 1
     for m in range(len(motion.duration)):
-        T = motion.duration[m]
+        now = interval_of(motion, m)
         p = int(motion.piece[m])
-        x0 = motion.x[m]
-        v = motion.speed[m]
-        a = motion.acceleration[m]
-        j = motion.jerk[m]
-        s = motion.snap[m]
         while count < len(out):
             # from the sample number: a running sum of sample times would drift in programs of hours
             t = (first + count) * sample_time - since
-            if t >= T:
+            if t >= now.duration:
                 break
             # the sum of durations may pass a sampling instant by rounding
-            t = max(t, 0.0)
-            here = x0 + way(v, a, j, s, t)
-            while here > pieces.length[p] and p < last:
-                x0 = x0 - pieces.length[p]
-                here = here - pieces.length[p]
-                p = p + 1
-            here = min(max(here, 0.0), pieces.length[p])
-            derivatives(pieces.kind[p], pieces.length[p], pieces.shape[p], here, r)
+            p, x = at_instant(pieces, now, p, max(t, 0.0), r, out[count])
+            now = now._replace(x=x)
             axes = out[count]
-            chain(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s, r, axes)
             for i in range(len(r)):
                 axes[i] = axes[i]._replace(value=pieces.origin[p, i] + r[i].value)
             count = count + 1
-        since = since + T
+        since = since + now.duration
     return count
 
 
