@@ -1,5 +1,8 @@
 """Sharp corners passed in time: what they cost, limits and tolerance of the sum, faults that the proof must see."""
 
+# pyright: reportPrivateUsage=false
+# the end of a run at a corner is decided inside a module
+
 from __future__ import annotations
 
 from copy import copy
@@ -479,6 +482,6 @@ def test_two_arcs_are_both_slower_where_their_sum_is_above_a_limit_by_little():
 def _slow(end: End, factor: float) -> End:
     """The end of a run that takes `factor` times as long."""
     return end._replace(
-        motion=rows(slowed(from_rows(end.motion, 0), factor)),
+        motion=rows(slowed(from_rows(np.asarray(end.motion), 0), factor)),
         lasts=factor * end.lasts,
     )
