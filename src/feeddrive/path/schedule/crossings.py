@@ -34,6 +34,7 @@ from feeddrive.path.schedule.corner import (
     ROWS,
     SHORTEST,
     Before,
+    Both,
     End,
     Leaves,
     LineRuns,
@@ -167,14 +168,15 @@ class Crossings:
     def _next_lines(self, before: Part, one: _Run, lines: Lines, first: int) -> list[Part]:
         """Do as `_next` for the runs of lines from `first` on, all at once, behind two runs along lines."""
         runs = LineRuns._make([array[first:] for array in lines.runs])
-        _put(runs, 0, _end(before, True), one.corner)
         assert one.whole is not None
         assert one.seen is not None
-        _put(runs, 1, one.seen, one.tolerance)
-        runs.line[1], runs.lasts[1] = columns(one.whole.line), one.lasts
+        end = _end(before, True)
+        still = Node(0.0)
+        _put(runs, 0, end, LineStretch(end.length, 0.0, 0.0, 0.0, 0.0, still, still), 0.0, one.corner)
+        _put(runs, 1, one.seen, one.whole.line, one.lasts, one.tolerance)
         pieces = [before.pieces, one.part.pieces, *(section.pieces for section in lines.sections[first:])]
         leaves = _room(len(pieces))
-        count = meet_lines(runs, self._limits, rows_for(Interval, 2, 2 * ROWS), leaves)
+        count = meet_lines(runs, self._limits, Both(*(rows_for(Interval, 2 * ROWS) for _ in range(2))), leaves)
         last = len(pieces) - 1
         self._open = _line_run(pieces[last], runs, last, float(runs.tolerance[last]), float(runs.tolerance[last - 1]))
         self._fixed = _line_run(pieces[last - 1], runs, last - 1, 0.0).part
@@ -340,12 +342,14 @@ def _is_alone(part: Part) -> bool:
     return len(part.pieces.length) == 1 and part.pieces.kind[0] == LINE and part.ends and len(part.motion.x) <= ROWS
 
 
-def _put(runs: LineRuns, k: int, end: End, tolerance: float) -> None:
-    """Make the end of a run along a line number k of some runs; `tolerance` is that of the corner there, m."""
+def _put(runs: LineRuns, k: int, end: End, line: LineStretch, lasts: float, tolerance: float) -> None:
+    """Make the end of a run along a line number k of some runs.
+
+    `lasts` is its overlap with the previous run, s, and `tolerance` that of the corner at its end, m.
+    """
     runs.motion[k, : end.used] = end.motion
-    runs.used[k], runs.feed[k], runs.tolerance[k] = end.used, end.feed, tolerance
-    runs.along[k], runs.most[k] = end.direction, end.most
-    by_field(LineStretch, runs.line).length[k] = end.length
+    runs.used[k], runs.feed[k], runs.along[k], runs.most[k] = end.used, end.feed, end.direction, end.most
+    runs.line[k], runs.lasts[k], runs.tolerance[k] = columns(line), lasts, tolerance
 
 
 def _room(n: int) -> Leaves:
