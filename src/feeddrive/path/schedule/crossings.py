@@ -6,7 +6,7 @@ The corners themselves are planned in `corner.py`: runs along single lines many 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -119,8 +119,9 @@ _BEFORE = 2  # a line overlaps with the previous run, and this one with the run 
 
 def _line_run(pieces: Pieces, runs: LineRuns, k: int, tolerance: float, corner: float = 0.0) -> _Run:
     """Return run k of some lines; `corner` is the tolerance of the corner at which it begins."""
+    arrays: Any = runs  # of records, which are numpy's here
     used = int(runs.used[k])
-    new, line = runs.motion[k][:used], by_field(LineStretch, runs.line[k])
+    new, line = arrays.motion[k][:used], by_field(LineStretch, arrays.line[k])
     motion = from_rows(new, 0)
     seen = End(new, used, _time(motion), line.length, float(runs.feed[k]), runs.along[k], runs.most[k])
     return _Run(Part(pieces, motion, True), tolerance, _Stretch(0, used, line), seen, float(runs.lasts[k]), corner)
@@ -167,7 +168,7 @@ class Crossings:
 
     def _next_lines(self, before: Part, one: _Run, lines: Lines, first: int) -> list[Part]:
         """Do as `_next` for the runs of lines from `first` on, all at once, behind two runs along lines."""
-        runs = LineRuns._make([array[first:] for array in lines.runs])
+        runs = _some(lines.runs, first, len(lines.runs.used))
         assert one.whole is not None
         assert one.seen is not None
         end = _end(before, True)
@@ -205,7 +206,7 @@ class Crossings:
         runs.tolerance[_BEFORE:] = [section.tolerance for section in sections]
         pieces = one_after_the_other([section.pieces for section in sections])
         count = stop_lines(pieces, self._limits, _BEFORE, runs)
-        return Lines(sections[:count], LineRuns._make([array[: count + _BEFORE] for array in runs]))
+        return Lines(sections[:count], _some(runs, 0, count + _BEFORE))
 
     def _fix(self, run: _Run) -> list[Part]:
         """Make the motion of a run final; return the parts that are now final."""
@@ -342,14 +343,21 @@ def _is_alone(part: Part) -> bool:
     return len(part.pieces.length) == 1 and part.pieces.kind[0] == LINE and part.ends and len(part.motion.x) <= ROWS
 
 
+def _some(runs: LineRuns, first: int, last: int) -> LineRuns:
+    """Return the runs from `first` up to but excluding `last`."""
+    arrays: list[Any] = list(runs)
+    return LineRuns._make([array[first:last] for array in arrays])
+
+
 def _put(runs: LineRuns, k: int, end: End, line: LineStretch, lasts: float, tolerance: float) -> None:
     """Make the end of a run along a line number k of some runs.
 
     `lasts` is its overlap with the previous run, s, and `tolerance` that of the corner at its end, m.
     """
-    runs.motion[k, : end.used] = end.motion
-    runs.used[k], runs.feed[k], runs.along[k], runs.most[k] = end.used, end.feed, end.direction, end.most
-    runs.line[k], runs.lasts[k], runs.tolerance[k] = columns(line), lasts, tolerance
+    arrays: Any = runs  # of records, which are numpy's here
+    arrays.motion[k, : end.used] = end.motion
+    arrays.used[k], arrays.feed[k], arrays.along[k], arrays.most[k] = end.used, end.feed, end.direction, end.most
+    arrays.line[k], arrays.lasts[k], arrays.tolerance[k] = columns(line), lasts, tolerance
 
 
 def _room(n: int) -> Leaves:
