@@ -556,6 +556,7 @@ class Setpoints:
         self._sampler = Sampler(sample_time)
         self._counts = np.zeros(4 * len(limits.axes) + 3, np.int64)
         self._position = np.zeros(len(limits.axes))
+        self._moved: Part | None = None  # the part since then, at whose end nothing has stood yet
         self._along: np.ndarray | None = None  # final direction of the previous run, and the path mode of its stop
         self._mode = ""
         self._waits: Pause | None = None  # the pause since then
@@ -642,8 +643,9 @@ class Setpoints:
             yield samples
         self.time += float(np.sum(motion.duration))
         self._last_line = int((pieces if part.lines is None else part.lines).line[-1])
-        self._position, along = end_of(part)
+        self._moved = part
         if part.ends and part.entering is None:
+            self._moved, (self._position, along) = None, end_of(part)
             self.runs += 1
             self._along, self._mode = along, part.mode
 
@@ -655,8 +657,14 @@ class Setpoints:
             self._waits = pause
         yield from self._rest(pause.duration, pause.line)
 
+    def _place(self) -> np.ndarray:
+        """Return the present position."""
+        if self._moved is not None:
+            self._moved, (self._position, _) = None, end_of(self._moved)
+        return self._position
+
     def _stand(self, reason: str, duration: float, line: int, angle: float = 0.0) -> None:
-        self.stops.append(Standstill(self.time, duration, line, self._position, reason, angle))
+        self.stops.append(Standstill(self.time, duration, line, self._place(), reason, angle))
         self.losses.stop(self.time, duration, reason)
 
     def _rest(self, duration: float, line: int) -> Iterator[Samples]:
@@ -664,7 +672,7 @@ class Setpoints:
         ends, longest = self.time + duration, _AT_ONCE * self.sample_time
         while duration > 0.0:
             now = min(duration, longest)
-            values = self._sampler.rest(self._position, now)
+            values = self._sampler.rest(self._place(), now)
             rest = np.zeros(len(values))
             samples = Samples(self.samples, values, np.full(len(values), line), rest, rest, self.proven)
             self.samples += len(values)

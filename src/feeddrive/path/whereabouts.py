@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.source import Floats, Ints
 from feeddrive.language.series import Taylor
 from feeddrive.path.feed_loss import CORNER
 from feeddrive.path.motion import Changes, Motion, Part, Pieces, TipColumns, cubic, derivatives, direction, way
@@ -80,22 +82,38 @@ class _Along(NamedTuple):
     rate: np.ndarray
 
 
+@kernel
+def _walk(far: Floats, motion: Motion, times: Floats, gone: Floats, piece: Ints, rate: Floats) -> int:
+    """Write distance, piece and u' at ascending times; `far` are the distances to the ends of the pieces, m."""
+    m = 0
+    ends = motion.duration[0]  # of time interval m
+    begin = ends - motion.duration[0]
+    last = len(motion.duration) - 1
+    for k in range(len(times)):
+        while m < last and (ends + motion.duration[m + 1]) - motion.duration[m + 1] <= times[k]:
+            m = m + 1
+            ends = ends + motion.duration[m]
+            begin = ends - motion.duration[m]
+        p = int(motion.piece[m])
+        since = times[k] - begin
+        v, a, j, s = motion.speed[m], motion.acceleration[m], motion.jerk[m], motion.snap[m]
+        u = (far[p - 1] if p > 0 else 0.0) + motion.x[m] + way(v, a, j, s, since)
+        while p + 1 < len(far) and far[p] < u:
+            p = p + 1
+        gone[k] = u
+        piece[k] = p
+        rate[k] = cubic(v, a, j, s, since)
+    return 0
+
+
 def _along_path(pieces: Pieces, motion: Motion, lines: Changes | None, times: np.ndarray) -> _Along:
     """Return where a run is at given times, s, from the start of its motion."""
-    begins = np.cumsum(motion.duration) - motion.duration
-    m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
-    far = np.cumsum(pieces.length)
-    u = (far - pieces.length)[motion.piece[m]] + motion.x[m]
-    v, a, j, s = (row[m] for row in motion[3:])
-    since = times - begins[m]
-    gone: Any = way.python  # plain arithmetic, which also accepts arrays
-    u += gone(v, a, j, s, since)
-    p = np.clip(np.searchsorted(far, u), 0, len(far) - 1)
-    rate_of: Any = cubic.python
-    rate = rate_of(v, a, j, s, since)
+    n = len(times)
+    u, p, rate = np.empty(n), np.empty(n, np.int64), np.empty(n)
+    _walk(pieces.length.cumsum(), motion, times, u, p, rate)
     if lines is None:
         return _Along(u, p, pieces.line[p], rate)
-    k = np.clip(np.searchsorted(lines.at, u, side="right") - 1, 0, len(lines.at) - 1)
+    k = np.maximum(lines.at.searchsorted(u, side="right") - 1, 0)
     return _Along(u, p, lines.line[k], rate)
 
 

@@ -1054,6 +1054,13 @@ class Leaves(NamedTuple):
     entering: Ints
 
 
+class Both(NamedTuple):
+    """Room for the time intervals of two runs at a corner, 2 ROWS each."""
+
+    first: Records[Interval]
+    second: Records[Interval]
+
+
 @kernel
 def _copied(motion: Records[Interval], used: int, to: Records[Interval]) -> int:
     """Copy the first `used` time intervals; return their number."""
@@ -1076,7 +1083,7 @@ def _put(interval: Interval, count: int, motion: Motion) -> int:
 
 
 @kernel
-def _leave(runs: LineRuns, k: int, work: Records2[Interval], count: int, out: Leaves) -> int:
+def _leave(runs: LineRuns, k: int, work: Both, count: int, out: Leaves) -> int:
     """Append the final motion of run k, and drop what run k + 1 has of it; return the number of time intervals."""
     out.alone[k] = count
     two = k + 1
@@ -1086,32 +1093,35 @@ def _leave(runs: LineRuns, k: int, work: Records2[Interval], count: int, out: Le
         out.common[k] = count
         out.entering[k] = count
         return count
-    both = shared(runs.motion[k], runs.used[k], runs.motion[two], runs.used[two], runs.lasts[two], work[0], work[1])
+    both = shared(
+        runs.motion[k], runs.used[k], runs.motion[two], runs.used[two], runs.lasts[two], work.first, work.second
+    )
     for m in range(both.begins):
         count = _put(runs.motion[k, m], count, out.motion)
     if both.alone > 0.0:
         count = _put(runs.motion[k, both.begins]._replace(duration=both.alone), count, out.motion)
     out.common[k] = count
     for m in range(both.common):
-        count = _put(work[0, m], count, out.motion)
+        count = _put(work.first[m], count, out.motion)
     out.entering[k] = count
     for m in range(both.common):
-        count = _put(work[1, m], count, out.motion)
+        count = _put(work.second[m], count, out.motion)
     left = runs.used[two] - both.ends
+    behind = runs.motion[two]
     for m in range(left):
-        runs.motion[two, m] = runs.motion[two, both.ends + m]
+        behind[m] = behind[both.ends + m]
     if left > 0:
-        runs.motion[two, 0] = both.rest
+        behind[0] = both.rest
     runs.used[two] = left
     return count
 
 
 @kernel
-def meet_lines(runs: LineRuns, limits: Records[Limits], work: Records2[Interval], out: Leaves) -> int:
+def meet_lines(runs: LineRuns, limits: Records[Limits], work: Both, out: Leaves) -> int:
     """Plan the corners behind all runs but the first and the last; write all but the last two runs, which are final
     then, and return the number of their time intervals.
 
-    The corner between the first two is planned already.  `work` has two rows of 2 ROWS intervals.
+    The corner between the first two is planned already.
     """
     count = 0
     motion, used, line, feed, along, most = runs.motion, runs.used, runs.line, runs.feed, runs.along, runs.most
@@ -1139,13 +1149,13 @@ def meet_lines(runs: LineRuns, limits: Records[Limits], work: Records2[Interval]
                 time1 + time2,
                 # half of a run is reserved for the corner at its other end
                 min(0.5 * time2, time1 - runs.lasts[one]) * LONGEST,
-                work[0],
-                work[1],
+                work.first,
+                work.second,
             )
             runs.lasts[two] = found.lasts
             if found.first > 0:
-                used[one] = _copied(work[0], found.first, motion[one])
-                used[two] = _copied(work[1], found.second, motion[two])
+                used[one] = _copied(work.first, found.first, motion[one])
+                used[two] = _copied(work.second, found.second, motion[two])
                 line[two] = line[two]._replace(head=found.node)
         count = _leave(runs, one - 1, work, count, out)
     return count

@@ -6,7 +6,7 @@ The corners themselves are planned in `corner.py`: runs along single lines many 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,7 @@ from feeddrive.path.schedule.corner import (
     ROWS,
     SHORTEST,
     Before,
+    Both,
     End,
     Leaves,
     LineRuns,
@@ -120,8 +121,9 @@ _BEFORE = 2  # a line overlaps with the previous run, and this one with the run 
 
 def _line_run(pieces: Pieces, runs: LineRuns, k: int, tolerance: float, corner: float = 0.0) -> _Run:
     """Return run k of some lines; `corner` is the tolerance of the corner at which it begins."""
+    arrays: Any = runs  # of records, which are numpy's here
     used = int(runs.used[k])
-    new, line = runs.motion[k][:used], by_field(LineStretch, runs.line[k])
+    new, line = arrays.motion[k][:used], by_field(LineStretch, arrays.line[k])
     motion = from_rows(new, 0)
     seen = End(
         new, used, _time(motion), line.length, float(runs.feed[k]), runs.along[k], runs.most[k], LINE, runs.along
@@ -170,15 +172,16 @@ class Crossings:
 
     def _next_lines(self, before: Part, one: _Run, lines: Lines, first: int) -> list[Part]:
         """Do as `_next` for the runs of lines from `first` on, all at once, behind two runs along lines."""
-        runs = LineRuns._make([array[first:] for array in lines.runs])
-        _put(runs, 0, _end(before, True), one.corner)
+        runs = _some(lines.runs, first, len(lines.runs.used))
         assert one.whole is not None
         assert one.seen is not None
-        _put(runs, 1, one.seen, one.tolerance)
-        runs.line[1], runs.lasts[1] = columns(one.whole.line), one.lasts
+        end = _end(before, True)
+        still = Node(0.0)
+        _put(runs, 0, end, LineStretch(end.length, 0.0, 0.0, 0.0, 0.0, still, still), 0.0, one.corner)
+        _put(runs, 1, one.seen, one.whole.line, one.lasts, one.tolerance)
         pieces = [before.pieces, one.part.pieces, *(section.pieces for section in lines.sections[first:])]
         leaves = _room(len(pieces))
-        count = meet_lines(runs, self._limits, rows_for(Interval, 2, 2 * ROWS), leaves)
+        count = meet_lines(runs, self._limits, Both(*(rows_for(Interval, 2 * ROWS) for _ in range(2))), leaves)
         last = len(pieces) - 1
         self._open = _line_run(pieces[last], runs, last, float(runs.tolerance[last]), float(runs.tolerance[last - 1]))
         self._fixed = _line_run(pieces[last - 1], runs, last - 1, 0.0).part
@@ -207,7 +210,7 @@ class Crossings:
         runs.tolerance[_BEFORE:] = [section.tolerance for section in sections]
         pieces = one_after_the_other([section.pieces for section in sections])
         count = stop_lines(pieces, self._limits, _BEFORE, runs)
-        return Lines(sections[:count], LineRuns._make([array[: count + _BEFORE] for array in runs]))
+        return Lines(sections[:count], _some(runs, 0, count + _BEFORE))
 
     def _fix(self, run: _Run) -> list[Part]:
         """Make the motion of a run final; return the parts that are now final."""
@@ -373,12 +376,21 @@ def _is_alone(part: Part) -> bool:
     return len(part.pieces.length) == 1 and part.pieces.kind[0] == LINE and part.ends and len(part.motion.x) <= ROWS
 
 
-def _put(runs: LineRuns, k: int, end: End, tolerance: float) -> None:
-    """Make the end of a run along a line number k of some runs; `tolerance` is that of the corner there, m."""
-    runs.motion[k, : end.used] = end.motion
-    runs.used[k], runs.feed[k], runs.tolerance[k] = end.used, end.feed, tolerance
-    runs.along[k], runs.most[k] = end.direction, end.most
-    by_field(LineStretch, runs.line).length[k] = end.length
+def _some(runs: LineRuns, first: int, last: int) -> LineRuns:
+    """Return the runs from `first` up to but excluding `last`."""
+    arrays: list[Any] = list(runs)
+    return LineRuns._make([array[first:last] for array in arrays])
+
+
+def _put(runs: LineRuns, k: int, end: End, line: LineStretch, lasts: float, tolerance: float) -> None:
+    """Make the end of a run along a line number k of some runs.
+
+    `lasts` is its overlap with the previous run, s, and `tolerance` that of the corner at its end, m.
+    """
+    arrays: Any = runs  # of records, which are numpy's here
+    arrays.motion[k, : end.used] = end.motion
+    arrays.used[k], arrays.feed[k], arrays.along[k], arrays.most[k] = end.used, end.feed, end.direction, end.most
+    arrays.line[k], arrays.lasts[k], arrays.tolerance[k] = columns(line), lasts, tolerance
 
 
 def _room(n: int) -> Leaves:
