@@ -547,6 +547,7 @@ def chains(
                 yield collect(True)
             yield Pause(0.0, "ToolPoint", move.source.number)
             tip = None if move.kinematics is None else TipColumns.of(move.kinematics, axes)
+            weights.aim(0.0 if tip is None else tip.kinematics.cosine_of_axes)
             feeds.of_tip, still = tip is not None, False
         elif isinstance(move, Synchronized):
             reason = (
