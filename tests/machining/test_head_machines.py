@@ -19,7 +19,9 @@ from slow_share import all_but
 LEVERS = {"head_table_bc": 0.3, "fork_head_cb": 0.4, "nutating_head_bc": 0.3 * math.sqrt(0.5)}
 
 
-@pytest.mark.parametrize("name", all_but(["nutating_head_bc"], ["trunnion_ac", *LEVERS], "the same program on the others"))
+@pytest.mark.parametrize(
+    "name", all_but(["nutating_head_bc"], ["trunnion_ac", *LEVERS], "the same program on the others")
+)
 def test_directions_of_the_tool_make_one_program_for_all_kinds(name: str, tmp_path: Path) -> None:
     """The first twentieth of s_curve_vectors: proven, and the tool points there as the program says."""
     program = Path(fd.__file__).parent / "files" / "bundled" / "programs" / "s_curve_vectors.ngc"
