@@ -48,7 +48,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     _SPLINE: ("SPLINEPATH",),
     _SPINDLE: ("G33", "G34", "G35", "G63", "G331", "G332", "SPOS", "SPOSA", "SPCON", "COUPON", "FPR"),
     _CYCLE: ("HOLES1", "HOLES2", "POCKET1", "POCKET2", "POCKET3", "POCKET4", "SLOT1", "SLOT2", "LONGHOLE"),
-    _CALL: ("PCALL", "ISOCALL", "MODALCALL", "CASE", "REPEATB", "INIT", "START", "WAITE"),
+    _CALL: ("PCALL", "ISOCALL", "MODALCALL", "REPEATB", "INIT", "START", "WAITE"),
     _FEED: ("FLIN", "FCUB", "FPO", "FRC", "FRCM", "FB", "FXS", "FGROUP", "FGREF", "FL", "FA", "OVR", "OVRRAP", "G93.1"),
     _CORNER: ("CHF", "CHR", "RND", "RNDM", "ANG"),
     _FRAME: (
@@ -91,6 +91,9 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "limits of the working area and of the spindle are not changed by a program here: take it out": ("G25", "G26"),
     "the ISO dialect is another language: give the program with --dialect linuxcnc": ("G291",),
     "an array is not read: use one variable for each": ("SET", "REP"),
+    "it belongs to the ISO dialect: write G700 for inches of lengths and feeds, G70 for those of lengths": ("G20",),
+    "it belongs to the ISO dialect: write G710 for mm of lengths and feeds, G71 for those of lengths": ("G21",),
+    "SAVE stands behind the name of a subprogram: PROC NAME SAVE": ("SAVE",),
     "what a probe measures is not known before: take it out": ("MEAS", "MEAW", "MEASA", "MEAWA", "MEAC"),
     "an axis of the machine's own: only X Y Z A B C U V W are planned": (
         *(f"{letter}{number}" for letter in "XYZUVWQ" for number in range(1, 6)),
@@ -119,7 +122,6 @@ IGNORED = frozenset(
         *(
             "DISPLOF",
             "DISPLON",
-            "SAVE",
             "GETT",
             "GROUP_BEGIN",
             "GROUP_END",
