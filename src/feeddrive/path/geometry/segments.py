@@ -330,7 +330,7 @@ _COUNTED = ((0, 1, 2), (6, 7, 8), (3, 4, 5))
 """The groups of axes to which a feed can refer; the first group with a moving axis is used."""
 # so that memory does not grow with the program
 AT_ONCE = 1000  # largest number of segments of a chain
-_STANDS = 1e-12  # m, or rad
+_STANDS = 1e-11  # m, or rad: blocks of 1e-9 mm stand, and rounded positions too
 _CHORDS = 0.1  # of the tolerance: largest deviation of a spline's chords from it
 _CUTS = 16  # number of pieces of a spline that is followed exactly
 
