@@ -74,6 +74,18 @@ def test_the_file_of_a_machine_holds_what_its_kinematics_need(name: str) -> None
         assert loop.axis.rotary == (axis in "bc")
 
 
+def test_the_tolerance_bounds_the_direction_of_a_nutating_head(tmp_path: Path) -> None:
+    """Corners of B and C within it: its axes lie at 45 degrees, so that angles within 0.05 degrees turn the tool by up
+    to 0.05 √(1 + √½) = 0.065 degrees."""
+    part = tmp_path / "part.ngc"
+    rows = "".join(f"X{k} B{20 + k % 2} C{0.2 * (k % 2):.1f}\n" for k in range(1, 9))
+    part.write_text(f"G21 G90 G64 P0.5 F3000\nG43.4\nG0 X0 Z60 B20\nG1\n{rows}G49\nM2\n", encoding="utf-8")
+    planned = fd.workflow.plan(part, machine="nutating_head_bc")
+    assert planned.violations == 0
+    assert planned.tip is not None
+    assert 0.9 * math.radians(0.05) < planned.tip.angle <= math.radians(0.05)
+
+
 def test_the_nutating_head_is_a_product_of_matrices() -> None:
     """The axis of B is that of Y turned by 45 degrees about X: its rotation is Rx(45) Ry(B) Rx(-45)."""
     machine = read_machine("nutating_head_bc").kinematics

@@ -222,6 +222,18 @@ def test_polynomials_of_the_joints_follow_the_arc_and_one_another(how: Orientati
     assert np.median(ratios) < 1e4
 
 
+def test_an_arc_through_the_pole_is_followed_where_the_joint_about_it_need_not_turn() -> None:
+    """A trunnion passes its pole with C at rest; a nutating head turns C on the way, from either side of the pole."""
+    curves = along_arc(TRUNNION, [-0.8, 0.3], [0.8, 0.3], "plane")
+    assert curves.off <= EXACT
+    assert len(curves.share) <= 9  # at the pole itself no part need be shorter
+    assert np.abs(curves.shape[:, 1]).max() < 1e-12
+    head = Kinematics.of("head_table", "BC", nutating=True)
+    ends = head.rotary(np.array([[math.sin(0.3)], [0.0], [math.cos(0.3)]])).angles[0, :, 0]
+    for begin in (np.zeros(2), -ends):
+        assert along_arc(head, begin.tolist(), ends.tolist(), "plane").off <= EXACT
+
+
 def test_an_arc_that_leaves_the_travel_of_a_joint_is_refused() -> None:
     """Between two directions 108 degrees from the pole and 60 degrees of C apart the arc reaches 110.6 degrees."""
     limit = Kinematics.of("head_table", "BC").with_travel({"B": (-0.5, math.radians(110.0))})

@@ -337,7 +337,10 @@ class SiemensFlow:
             if word == "GOTOC":
                 return
             way = {"GOTOF": "behind this line", "GOTOB": "before this line"}.get(word, "in the program")
-            raise BlockError(f"there is no label or block number {label} {way}: write it, or correct the jump", label)
+            short = ", which has two letters or more" if len(label) == 1 and label.isalpha() else ""
+            raise BlockError(
+                f"there is no label or block number {label} {way}: write it{short}, or correct the jump", label
+            )
         mark = found[0]
         if tuple(opened.head.offset for opened in scope.opened[: len(mark.around)]) != mark.around:
             raise BlockError(
