@@ -539,7 +539,9 @@ def test_directions_turn_with_the_frame(tmp_path: Path) -> None:
         ("TRAORI\nT1 M6\n", "M6 changes the tool while its tip is moved (TRAORI): write TRAFOOF in a line before"),
         ("T1 M6\nTRAORI\nG41 X1\n", "while the tip of a tilted tool is moved (TRAORI): write TRAFOOF before"),
         ("ORIVECT ORIAXES\n", "ORIVECT and ORIAXES exclude each other"),
-        ("TRAORI\nG1 LEAD=5 X1 F9\n", "this way to orient the tool"),
+        ("TRAORI\nG1 LEAD=5 X1 F9\n", "LEAD: angles to the path and to the normal of a surface are not planned"),
+        ("TRAORI\nORICONIO\n", "ORICONIO: a tool that turns on a cone is not planned"),
+        ("TRAORI\nG1 A2=5 X1 F9\n", "A2: this way to orient the tool"),
         ("TRANSMIT\n", "lathe work"),
     ],
 )

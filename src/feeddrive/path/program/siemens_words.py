@@ -14,6 +14,8 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import DEEPEST, BlockError
 
 _FIVE = "this way to orient the tool or the workpiece is not planned: write A3= B3= C3=, or the letters of rotary axes"
+_NORMAL = "angles to the path and to the normal of a surface are not planned: write A3= B3= C3= of each block"
+_CONE = "a tool that turns on a cone is not planned: write A3= B3= C3= in short blocks"
 _LATHE = "lathe work is not planned: only milling with X, Y and Z as they stand"
 _SPLINE = "splines of other axes than X Y Z are not planned: post lines, arcs or POLY"
 _SPINDLE = "the move follows the real spindle: take it out of what is planned"
@@ -27,12 +29,12 @@ _COMPENSATION = "this way to the contour or along it is not planned: write NORM,
 _PLC = "what it does is decided by the machine's own logic: take it out"
 _WORDS: dict[str, tuple[str, ...]] = {
     _FIVE: (
-        *("ORICONCW", "ORICONCCW", "ORICONIO", "ORICONTO", "ORICURVE", "ORIPATH", "ORIPATHS", "ORIEULER", "ORIRPY"),
-        *("ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORISON", "ORIROTA", "ORIROTR", "ORIROTT", "ORIROTC", "LEAD", "TILT"),
-        *("THETA", "A2", "B2", "C2", "A4", "B4", "C4", "A5", "B5", "C5", "A6", "B6", "C6", "A7", "B7", "C7", "A8"),
-        *("B8", "C8", "TOROT", "TOFRAME", "PAROT", "TCARR", "TCOABS", "TCOFR", "CUT3DC", "CUT3DF", "CUT3DFS"),
-        *("CUT3DFF", "CUT3DCC", "CUT3DCCD", "TLIFT", "CYCLE996", "TRACON", "TRAFOON", "TRACYL", "TRAANG", "NUT"),
+        *("ORICURVE", "ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORISON", "ORIROTA", "ORIROTR"),
+        *("ORIROTT", "ORIROTC", "THETA", "A2", "B2", "C2", "A8", "B8", "C8"),
+        *("CUT3DFF", "CUT3DCC", "CUT3DCCD", "TLIFT", "CYCLE996", "TRACON", "TRAFOON", "TRACYL", "TRAANG"),
     ),
+    _NORMAL: ("LEAD", "TILT", "ORIPATH", "ORIPATHS", "A4", "B4", "C4", "A5", "B5", "C5"),
+    _CONE: ("ORICONCW", "ORICONCCW", "ORICONIO", "ORICONTO", "NUT", "A6", "B6", "C6", "A7", "B7", "C7"),
     _LATHE: (
         "DIAMON",
         "DIAM90",
