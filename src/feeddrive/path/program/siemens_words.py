@@ -31,6 +31,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     _FIVE: (
         *("ORICURVE", "ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORISON", "ORIROTA", "ORIROTR"),
         *("ORIROTT", "ORIROTC", "THETA", "A2", "B2", "C2", "A8", "B8", "C8"),
+        *("TOROT", "TOFRAME", "PAROT", "TCARR", "TCOABS", "TCOFR", "CUT3DC", "CUT3DF", "CUT3DFS"),
         *("CUT3DFF", "CUT3DCC", "CUT3DCCD", "TLIFT", "CYCLE996", "TRACON", "TRAFOON", "TRACYL", "TRAANG"),
     ),
     _NORMAL: ("LEAD", "TILT", "ORIPATH", "ORIPATHS", "A4", "B4", "C4", "A5", "B5", "C5"),
