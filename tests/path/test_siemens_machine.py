@@ -541,6 +541,7 @@ def test_directions_turn_with_the_frame(tmp_path: Path) -> None:
         ("ORIVECT ORIAXES\n", "ORIVECT and ORIAXES exclude each other"),
         ("TRAORI\nG1 LEAD=5 X1 F9\n", "LEAD: angles to the path and to the normal of a surface are not planned"),
         ("TRAORI\nORICONIO\n", "ORICONIO: a tool that turns on a cone is not planned"),
+        ("TOROT\n", "TOROT: this way to orient the tool or the workpiece is not planned"),
         ("TRAORI\nG1 A2=5 X1 F9\n", "A2: this way to orient the tool"),
         ("TRANSMIT\n", "lathe work"),
     ],
