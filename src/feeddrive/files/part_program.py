@@ -43,7 +43,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
@@ -612,7 +612,7 @@ def planned_program(
 
 
 @contextmanager
-def _at(section: PartProgramSection, key: str) -> Iterator[None]:
+def _at(section: PartProgramSection, key: str) -> Generator[None]:
     """Raise a ParameterError at the line of a key."""
     try:
         yield
