@@ -483,7 +483,7 @@ def test_a_job_runs_a_program_and_can_be_repeated(tmp_path: Path) -> None:
         ('file = "part.ngc"\noverride = "1:0"', r"job.toml:5: program.override: the last factor is 0"),
         ('file = "part.ngc"\noverride = "1"', r"job.toml:5: program.override: '1' is no step"),
         ('file = "part.ngc"\nfrom_line = 0', r"job.toml:5: program.from_line = 0 .* must be >= 1"),
-        ('file = "part.ngc"\nstart = "C=3"', r"job.toml:5: program.start: the machine has no axis 'C'; it has X, Y"),
+        ('file = "part.ngc"\nstart = "C=3"', r"job.toml:5: program.start: the machine has no axis C; it has X, Y"),
         ('file = "part.ngc"\nparameters = "_a"', r"job.toml:5: program.parameters: '_a' is no name with a number"),
         ('file = "none.ngc"', "program.file = 'none.ngc': there is no such file beside the job"),
         ('file = "part.ngc"\n[reference]\nkind = "circle"', r"not \[reference\] and \[program\]"),

@@ -50,7 +50,7 @@ def read_start(option: str, text: str, letters: str) -> dict[str, float]:
     other = next((letter for letter in values if letter.upper() not in tuple(letters)), None)
     if other is not None:
         raise ParameterError(
-            f"{option}: the machine has no axis {shown(other)}; it has {', '.join(letters)}: name those that do not "
+            f"{option}: the machine has no axis {other.upper()}; it has {', '.join(letters)}: name those that do not "
             "stand at 0"
         )
     return {

@@ -609,8 +609,7 @@ def _curved(
     whole = math.hypot(float(np.linalg.norm(straight)), *bent.sum(axis=0))
     speed, tolerance = feeds.speed(move, whole), weights.tolerance_of(True)
     for share, size, origin, polynomial in zip(curves.share[:-1], sizes, curves.origin, curves.shape, strict=True):
-        shape, begin = np.zeros((len(columns), 8)), start + share * way
-        shape[:, 1] = size * way
+        shape, begin = line_shapes(size * way[None])[0], start + share * way
         shape[turns], begin[turns] = polynomial * scale[turns, None], origin * scale[turns]
         # the parameter of a run is the share, so that the joints go on smoothly from part to part
         yield _Segment(
