@@ -212,7 +212,7 @@ def test_the_rest_behind_the_plan_is_no_part_of_the_log() -> None:
     assert rested.history == plain.history
     for axis, force in plain.correction.forces.items():
         assert np.array_equal(rested.correction.forces[axis], force)
-    with pytest.raises(LogError, match="the plan .*: cut the log to the program"):
+    with pytest.raises(LogError, match=r"the plan .*: cut the log to the program"):
         learn_from_log(machine(), PLAN, with_rows(40, 1e-6))
 
 

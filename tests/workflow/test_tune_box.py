@@ -22,7 +22,7 @@ from feeddrive.loop.linearize import linearize
 from feeddrive.study.robust import tune_robust
 from feeddrive.tuning.worst import box_plants
 from feeddrive.workflow.certify import CertifyRequest, certify
-from feeddrive.workflow.command import AT_THE_MODEL
+from feeddrive.workflow.command import AT_THE_MODEL, OF_ERRORS
 from feeddrive.workflow.compare import CompareRequest
 from feeddrive.workflow.identify_responses import machine_text
 from feeddrive.workflow.tune import NO_MODEL, TuneRequest, tune
@@ -99,7 +99,9 @@ def with_errors(folder: Path, errors: str = ERRORS) -> Path:
 def test_the_box_of_an_identified_machine_is_that_of_its_errors(tmp_path: Path) -> None:
     """40 kg with a standard error of 0.8 kg: the limits hold from 38.4 to 41.6 kg."""
     path = with_errors(tmp_path)
-    found = tune.run(TuneRequest(path, box="identified", filters="kept", starts=1)).result
+    outcome = tune.run(TuneRequest(path, box="identified", filters="kept", starts=1))
+    found = outcome.result
+    assert OF_ERRORS in outcome.notes
     assert found.box.holds is True
     assert "mass 38.4 to 41.6 kg" in str(found.box.text)
     ends = [spread for spread in found.box.spreads if spread.figure.key == "sensitivity_peak"]
@@ -132,7 +134,7 @@ def test_a_search_on_a_model_has_a_box_and_a_rule_has_none() -> None:
     assert found.result.box is not None
     assert found.result.box.holds is True
     assert str(found.result.box.box) == str(Box())
-    assert AT_THE_MODEL not in found.notes
+    assert not {AT_THE_MODEL, OF_ERRORS} & set(found.notes)
     assert tune.run(TuneRequest("linear_motor", recipe="kv-rule")).result.box is None
     assert tune.run(TuneRequest("linear_motor", filters="kept", starts=1, box="none")).result.box is None
 
