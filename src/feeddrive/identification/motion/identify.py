@@ -733,8 +733,8 @@ def _about(rigid: RigidFit, late: int) -> list[str]:
         remarks.append(
             Text(
                 "the axis bends: its force follows the fourth derivative of the position, too, as that of two masses "
-                f"on a spring with {mode} {frequency}; this is part of the fit, so that the mass is not taken for less, "
-                "and no part of the machine file, so that a tuning does not know the mode: measure a frequency "
+                f"on a spring with {mode} {frequency}; this is part of the fit, so that the mass is not taken for "
+                "less, and no part of the machine file, so that a tuning does not know the mode: measure a frequency "
                 "response before (feeddrive excite, frf)"
             )
         )
