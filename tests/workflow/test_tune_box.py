@@ -46,6 +46,8 @@ def test_nominal_and_worst_stand_beside_each_other(tmp_path: Path) -> None:
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "mass 28 to 52 kg" in report
     assert "4 of 4 corners" in report
+    # the rules of the trade are judged at the model: today's "kept" is not that of the box
+    assert "whether the limits are kept there; at the model, without the other plants of the box" in report
     assert "--box mass=0.3,dead_time=1sample" in report
 
 
