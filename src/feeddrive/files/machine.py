@@ -258,7 +258,7 @@ class MachineFile(Result):
             box = Box.parse("identified")
             assert box is not None
         box = box.with_errors(plant, errors, self.file.name, self.correlations.get(name, {}))
-        if not box.dead_time and not box.dimensions(plant):
+        if (box.mass or box.stiffness) and not box.dead_time and not box.dimensions(plant):
             has = ", ".join(dimension.path for dimension in Box().dimensions(plant)) or "nothing"
             raise ParameterError(
                 f"box '{text.strip()}': no plant but the model is in it: what may spread of axis '{name}' in "
