@@ -125,7 +125,7 @@ def test_a_box_in_which_nothing_of_the_axis_spreads_is_refused() -> None:
     """A rigid axis has no stiffness: limits at its model alone would be called limits over the box."""
     machine = fd.read_machine("linear_motor")
     with pytest.raises(
-        ParameterError, match=r"box 'stiffness=30%': no plant but the model.* axis 'x' .* is mass: give"
+        ParameterError, match=r"box 'stiffness=30%': no plant but the model.* axis 'x' .* is mass"
     ):
         machine.box("stiffness=30%", "x")
     # who states that nothing spreads means the model
