@@ -124,9 +124,7 @@ def test_the_default_box_is_that_of_the_errors_or_the_standard_one(tmp_path: Pat
 def test_a_box_in_which_nothing_of_the_axis_spreads_is_refused() -> None:
     """A rigid axis has no stiffness: limits at its model alone would be called limits over the box."""
     machine = fd.read_machine("linear_motor")
-    with pytest.raises(
-        ParameterError, match=r"box 'stiffness=30%': no plant but the model.* axis 'x' .* is mass"
-    ):
+    with pytest.raises(ParameterError, match=r"box 'stiffness=30%': no plant but the model.* axis 'x' .* is mass"):
         machine.box("stiffness=30%", "x")
     # who states that nothing spreads means the model
     assert machine.box("dead_time=0samples", "x") == Box(0.0, 0.0, 0)
