@@ -255,11 +255,13 @@ def test_options_that_are_too_small_are_named(tmp_path: Path) -> None:
     assert "must be >= 0.001 ms" in refused(tmp_path, PART, sample_time=1e-9)
 
 
-@pytest.mark.parametrize("text", ["", "%\n%\n", "(nothing)\n; at all\n", "M3 S100\nM2\n"])
-def test_a_program_that_does_not_move_has_a_report_too(text: str, tmp_path: Path) -> None:
-    found = fd.workflow.plan(part(tmp_path, text), machine="xy_table", out=tmp_path / "out")
-    assert (found.cycle_time, found.blocks) == (0.0, 0)
-    assert "The cycle takes 0 s" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+@pytest.mark.parametrize("text", ["", "%\n%\n", "(nothing)\n; at all\n", "M3 S100\nM2\n", "G21 G1 X0 F100\n"])
+def test_a_program_that_does_not_move_is_refused(text: str, tmp_path: Path) -> None:
+    """An empty file is no program: setpoints of no rows would look like a plan."""
+    assert refused(tmp_path, text).startswith("part.ngc: no block moves an axis, so there is nothing to plan")
+    assert not (tmp_path / "out").exists()
+    # a dwell lasts: the axes are held
+    assert fd.workflow.plan(part(tmp_path, "G4 P0.1\nM2\n"), machine="xy_table").cycle_time == pytest.approx(0.1)
 
 
 def test_limits_of_a_file_replace_those_of_the_machine(tmp_path: Path) -> None:

@@ -169,7 +169,8 @@ class PlanRequest(Request):
 def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     """Plan a part program within the limits of each axis, prove compliance, and write setpoints, plan and report.
 
-    Raises ProgramError, with file, line, column and word, for a block that cannot be read or executed.
+    Raises ProgramError, with file, line, column and word, for a block that cannot be read or executed, and
+    ParameterError for a program in which nothing lasts: an empty file, or one without a motion and without a dwell.
     """
     program = find_bundled(request.program, "programs", ".ngc")
     machine = None if request.machine is None else read_machine(request.machine)
@@ -197,11 +198,11 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     with contextlib.closing(reading) as moves:
         setpoints = Setpoints(moves, limits, sample_time, override, used, spending, threads)
         if request.out is None:
-            planned = planned_of(setpoints, *names)
+            planned = _moving(planned_of(setpoints, *names))
             return _outcome(planned, None, machine, counts)
         with new_directory(request.out) as folder:
             with setpoint_files(folder, limits, sample_time, program.name) as writer:
-                planned = planned_of(setpoints, *names, _into(writer))
+                planned = _moving(planned_of(setpoints, *names, _into(writer)))
             write_plan(folder, planned)
             if job := _job(request, program, machine, planned, len(counts.tools)):
                 (folder / JOB).write_text(job, encoding="utf-8")
@@ -209,6 +210,16 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
             (folder / "report.html").write_text(html(_report(planned, not request.no_pictures)), encoding="utf-8")
     outcome = _outcome(planned, request.out, machine, counts)
     return replace(outcome, then=line("run", request.out / JOB)) if job else outcome
+
+
+def _moving(planned: Planned) -> Planned:
+    """Return a plan that lasts; raise ParameterError for one of no time."""
+    if planned.cycle_time == 0.0:
+        raise ParameterError(
+            f"{planned.program}: no block moves an axis, so there is nothing to plan: see that this is the right file, "
+            "that the machine does not stand at the end of every block, and, with --from-line, that motions follow"
+        )
+    return planned
 
 
 JOB = "job.toml"  # the machine along the program that was planned
@@ -377,8 +388,7 @@ def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None, co
     causes = sorted(planned.seconds.items(), key=lambda item: -item[1])
     told = joined(
         ", ",
-        # a program without motion has a cycle time of 0
-        (f"{name} {Quantity(seconds / max(planned.cycle_time, 1e-9), 'share'):3}" for name, seconds in causes[:6]),
+        (f"{name} {Quantity(seconds / planned.cycle_time, 'share'):3}" for name, seconds in causes[:6]),
     )
     sentences = [] if counts.begin is None else [_begun(counts.begin, planned.limits.letters)]
     if causes:
