@@ -44,7 +44,9 @@ SHARES = (1.0 - 1e-4, 0.995, 0.99, 0.98)  # of the limits, at the points: the re
 _HALF = ((4, 1.0), (1, 1.0), (1, 0.5))
 # from rest z = u'² grows as u^1.5, which no cubic spline follows: beyond, spans of growing length do
 _NEAR_REST = 0.1  # of the first phase from rest, and of the last one to rest, remains unchanged
-_AT_REST = 0.003  # of half a ramp from rest is not optimized at least, as the first phase may hardly move
+_HOLD=0.3
+_EARLY=0.5
+_AT_REST = 0.1  # of half a ramp from rest is not optimized at least, as the first phase may hardly move
 # the state behind such a beginning is given: at the limit itself no spline could start
 _AT_ENDS = Limits(0.97, 0.97, 0.97, 0.998)  # usable shares of the limits of velocity to snap there
 _BLENDED = 30  # number of coefficients over which the first spline takes up such a change of speed
@@ -174,8 +176,15 @@ class _Path:
     def _near_rest(self, duration: np.ndarray) -> tuple[int, float]:
         """Return the time interval, and the time within it, up to which a motion from rest is not optimized."""
         ends = np.cumsum(duration[: 4 - self._unlimited])
-        # without a limit of the snap the first phase is no small part of the ramp
-        t = max(0.0 if self._unlimited else _NEAR_REST * float(duration[0]), _AT_REST * float(ends[-1]))
+        t = _AT_REST * float(ends[-1])
+        if not self._unlimited:
+            # either early in the first phase, in which the jerk grows, or well within the second, at constant jerk
+            first, second = (float(lasts) for lasts in duration[:2])
+            late = max(t, (1.0 + _HOLD) * first)
+            if late <= first + 0.5 * second and t > _EARLY * first:
+                t = late
+            else:
+                t = min(max(t, _NEAR_REST * first), _EARLY * first)
         k = int(np.searchsorted(ends, t))
         return k, t - float(ends[k - 1]) if k else t
 

@@ -914,7 +914,7 @@ _WIDEST = 0.5  # of a ramp from rest to the top speed on a straight path, in pla
 _FINEST = 0.02  # of the mean duration of time intervals
 _LEAST_SPAN = 1e-9  # s: a first phase of the duration of rounding must not set the first span
 _HIDDEN = 0.1  # of the spans: shorter time intervals do not show in the spline
-_TURNS = 0.15  # largest duration of a span relative to u'/|u''|
+_TURNS = 0.2  # largest duration of a span relative to u'/|u''|
 
 
 @kernel
@@ -1075,7 +1075,7 @@ def reserve_factor(
     # a motion that takes f times as long has 1/f .. 1/f⁴ of the derivatives
     factor = max(v / (shares.velocity * top), sqrt(a / (shares.acceleration * room.acceleration)))
     factor = max(factor, cube_root(j / (shares.jerk * room.jerk)))
-    return max(1.0, max(factor, sqrt(sqrt(s / (shares.snap * room.snap)))))
+    return max(0.7, max(factor, sqrt(sqrt(s / (shares.snap * room.snap)))))
 
 
 @kernel
