@@ -911,7 +911,7 @@ _FINE = 7.0  # number of spans in the duration of half a ramp
 # slow pieces of a path can make ramps over all of it much longer than they are once lifted
 _WIDEST = 0.5  # of a ramp from rest to the top speed on a straight path, in place of half a ramp of the plan
 # some time intervals exist only due to rounding: their length must not set that of the spans
-_FINEST = 0.02  # of the mean duration of time intervals
+_FINEST = 0.2  # of the mean duration of time intervals
 _LEAST_SPAN = 1e-9  # s: a first phase of the duration of rounding must not set the first span
 _HIDDEN = 0.1  # of the spans: shorter time intervals do not show in the spline
 _TURNS = 0.2  # largest duration of a span relative to u'/|u''|
