@@ -49,13 +49,13 @@ _EARLY=0.5
 _AT_REST = 0.1  # of half a ramp from rest is not optimized at least, as the first phase may hardly move
 # the state behind such a beginning is given: at the limit itself no spline could start
 _AT_ENDS = Limits(0.97, 0.97, 0.97, 0.998)  # usable shares of the limits of velocity to snap there
-_BLENDED = 30  # number of coefficients over which the first spline takes up such a change of speed
+_BLENDED = 300  # number of coefficients over which the first spline takes up such a change of speed
 _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
 _STEPS = 160  # from the slow ramps of some plans it is far to a quick motion
 _FIRST = 0.1  # initial penalty
-_NEAREST = 5e-3  # final penalty
-_AGAIN = (0.01, 5e-3)  # the initial and the final one where a proof has failed
+_NEAREST = 4e-3  # final penalty
+_AGAIN = (0.01, 4e-3)  # the initial and the final one where a proof has failed
 _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
 _GIVEN = 8.0  # number of spans from a given state at an end over which the reduction grows to that

@@ -35,10 +35,10 @@ _NEARER = 0.1  # least part of the distance to a limit that a step must leave
 _ROUNDING = 1e-9  # part of a relaxed limit that must be left, whatever the expansion to first order says
 # a multiplier is kept within these multiples of that at which its penalty is smallest: far from it the curvature of the
 # penalty says nothing
-_LEAST_FORCE = 0.3
-_MOST_FORCE = 3.0
-_FALL = 0.25  # factor of the penalty per step
-_LEFT = 0.05  # of the penalty: largest time still to be gained, relative to the whole, before the penalty is lowered
+_LEAST_FORCE = 0.1
+_MOST_FORCE = 10.0
+_FALL = 0.1  # factor of the penalty per step
+_LEFT = 0.2  # of the penalty: largest time still to be gained, relative to the whole, before the penalty is lowered
 _PATIENCE = 8  # number of steps in which the worst violation may stay above 0.98 of the least so far
 _PROGRESS = 0.98
 _VIOLATED = 40  # number of steps after which one that still violates a limit is the last
@@ -1034,6 +1034,7 @@ def approximation(
             factor = at_begin if side == 0 else at_end
             far = (c if side == 0 else n + 1 - c) - 2
             part = 1.0 if far >= blended else max(float(far) / float(max(blended, 1)), 0.0)
+            part = part * part * (3.0 - 2.0 * part)
             slower = 1.0 / (factor * factor)
             value = value * (slower + (1.0 - slower) * part)
         coefficient[c] = value
