@@ -43,10 +43,13 @@ SHARES = (1.0 - 1e-4, 0.995, 0.99, 0.98)  # of the limits, at the points: the re
 # without both: a ramp then has 6 or 7 intervals, 2 or 3, or 1
 _HALF = ((4, 1.0), (1, 1.0), (1, 0.5))
 # from rest z = u'² grows as u^1.5, which no cubic spline follows: beyond, spans of growing length do
-_NEAR_REST = 0.1  # of the first phase from rest, and of the last one to rest, remains unchanged
-_HOLD=0.3
-_EARLY=0.5
-_AT_REST = 0.1  # of half a ramp from rest is not optimized at least, as the first phase may hardly move
+_AT_REST = 0.1  # of half a ramp from rest, and of one to rest, is not optimized
+# that ends either early in the first phase, in which the jerk grows, or within the second, at constant jerk: where the
+# first one is nearly over, its rest would be the first span
+_EARLY = 0.5  # of the first phase
+_LATE = 1.3  # of the first phase
+_NEAR_REST = 0.1  # of the first phase is not optimized at least
+_QUICKER = 0.7  # least factor of the time of what is not optimized: its jerk may be far below the limit
 # the state behind such a beginning is given: at the limit itself no spline could start
 _AT_ENDS = Limits(0.97, 0.97, 0.97, 0.998)  # usable shares of the limits of velocity to snap there
 _BLENDED = 300  # number of coefficients over which the first spline takes up such a change of speed
@@ -167,48 +170,51 @@ class _Path:
             motion = divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
         head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
         begin, end = self._factor(head), self._factor(tail)
-        lifted = self._between(_some(motion, first, last), _end(_some(motion, 0, last)), spans, (begin, end))
-        if lifted is None:
-            return None, 0
-        lifted = _one([_slowed(head, begin), lifted, _slowed(tail, end)])
-        return (lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else (None, 0)
+        between, state = _some(motion, first, last), _end(_some(motion, 0, last))
+        for factors in dict.fromkeys([(begin, end), (max(begin, 1.0), max(end, 1.0))]):
+            beside = _slowed(head, factors[0]), _slowed(tail, factors[1])
+            lifted = self._between(between, state, spans, factors, beside)
+            if lifted is not None:
+                lifted = _one([beside[0], lifted, beside[1]])
+                return (lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else (None, 0)
+        return None, 0
 
     def _near_rest(self, duration: np.ndarray) -> tuple[int, float]:
         """Return the time interval, and the time within it, up to which a motion from rest is not optimized."""
         ends = np.cumsum(duration[: 4 - self._unlimited])
         t = _AT_REST * float(ends[-1])
+        # without a limit of the snap the jerk is constant from the start
         if not self._unlimited:
-            # either early in the first phase, in which the jerk grows, or well within the second, at constant jerk
-            first, second = (float(lasts) for lasts in duration[:2])
-            late = max(t, (1.0 + _HOLD) * first)
-            if late <= first + 0.5 * second and t > _EARLY * first:
-                t = late
-            else:
-                t = min(max(t, _NEAR_REST * first), _EARLY * first)
+            first, second = duration[:2].tolist()
+            late = max(t, _LATE * first)
+            early = min(max(t, _NEAR_REST * first), _EARLY * first)
+            t = late if t > early and late <= first + 0.5 * second else early
         k = int(np.searchsorted(ends, t))
         return k, t - float(ends[k - 1]) if k else t
 
     def _factor(self, motion: Motion) -> float:
-        """Return the factor >= 1 by which the time of a motion from or to rest must grow to leave some reserve of each
-        limit along the path.
+        """Return the factor of the time of a motion from or to rest that leaves some reserve of each limit along the
+        path.
         """
         if not len(motion.duration):
             return 1.0
         p, r = int(motion.piece[-1]), rows_for(Derivatives, len(self._limits))
-        x, end = float(motion.x[-1]), _end(motion)
-        top = float(self.top[p])
-        return spline.reserve_factor(piece_of(self._pieces, p), x, top, self._limits, _AT_ENDS, motion, end, r)
+        x, top = float(motion.x[-1]), float(self.top[p])
+        piece, end = piece_of(self._pieces, p), _end(motion)
+        return max(_QUICKER, spline.reserve_factor(piece, x, top, self._limits, _AT_ENDS, motion, end, r))
 
-    def _between(self, motion: Motion, end: State, spans: int, factors: Sequence[float]) -> Motion | None:
+    def _between(
+        self, motion: Motion, end: State, spans: int, factors: Sequence[float], beside: tuple[Motion, Motion]
+    ) -> Motion | None:
         """Return a proven motion between the same states, or None, for a motion that is at rest at neither end; `end`
         is u' .. u''' at its end.
 
-        Both states are those of a motion that takes longer by one of the two factors.  Where it fails, spans are
-        halved.
+        Both states are those of a motion whose time is multiplied by one of the two factors.  `beside` are the motions
+        before and after, which are proven with it.  Where it fails, spans are halved.
         """
         finer = np.ones(len(motion.duration), np.int64)
         for _ in range(_REFINED):
-            lifted, time, failed = self._tried(motion, end, spans, factors, finer)
+            lifted, time, failed = self._tried(motion, end, spans, factors, beside, finer)
             if lifted is not None or not len(failed):
                 return lifted
             edges = np.concatenate([[0.0], np.cumsum(motion.duration)])
@@ -221,7 +227,13 @@ class _Path:
         return None
 
     def _tried(
-        self, motion: Motion, end: State, spans: int, factors: Sequence[float], finer: np.ndarray
+        self,
+        motion: Motion,
+        end: State,
+        spans: int,
+        factors: Sequence[float],
+        beside: tuple[Motion, Motion],
+        finer: np.ndarray,
     ) -> tuple[Motion | None, np.ndarray, np.ndarray]:
         """Return a motion as `_between` does, the times of the knots in the given one, and the spans at which limits
         cannot be kept if there is none.
@@ -258,9 +270,17 @@ class _Path:
                     break
             if not spline.in_time(knots, tried, self._begin, starts, end, _TOGETHER, timed, *more):
                 return None, time, nowhere  # it moves backwards between the evaluated points
-            faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
+            if number == 1:
+                head, tail = beside
+                faults = self._faults(_one([head, timed, tail]), 0, n + len(head.duration) + len(tail.duration))
+                faults = faults - Broken(0.0, len(head.duration), 0.0, 0.0, 0.0)
+            else:
+                faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
                 return timed, time, nowhere
+            where = np.asarray(by_field(Broken, faults).interval)
+            if np.any((where < 0) | (where >= n)):
+                return None, time, nowhere  # not the spline but the motion before or after it
             for _, where, _, which, _ in faults:
                 # a jump or a backward motion, which lower limits would not remove
                 if which < -1:

@@ -1052,8 +1052,8 @@ def reserve_factor(
     end: State,
     r: Records[Derivatives],
 ) -> float:
-    """Return the factor >= 1 by which the time of a motion must grow to use no more than shares of each limit along
-    the direction of the path at x, of which `top` is the largest speed.
+    """Return the factor of the time of a motion at which it uses no more than shares of each limit along the direction
+    of the path at x, of which `top` is the largest speed.
 
     end  the state at the end
     r    workspace for each axis
@@ -1076,7 +1076,7 @@ def reserve_factor(
     # a motion that takes f times as long has 1/f .. 1/f⁴ of the derivatives
     factor = max(v / (shares.velocity * top), sqrt(a / (shares.acceleration * room.acceleration)))
     factor = max(factor, cube_root(j / (shares.jerk * room.jerk)))
-    return max(0.7, max(factor, sqrt(sqrt(s / (shares.snap * room.snap)))))
+    return max(factor, sqrt(sqrt(s / (shares.snap * room.snap))))
 
 
 @kernel
