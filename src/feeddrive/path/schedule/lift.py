@@ -43,13 +43,13 @@ SHARES = (1.0 - 1e-4, 0.995, 0.99, 0.98)  # of the limits, at the points: the re
 # without both: a ramp then has 6 or 7 intervals, 2 or 3, or 1
 _HALF = ((4, 1.0), (1, 1.0), (1, 0.5))
 # from rest z = u'² grows as u^1.5, which no cubic spline follows: beyond, spans of growing length do
-_AT_REST = 0.1  # of half a ramp from rest, and of one to rest, is not optimized
+_AT_REST = 0.05  # of half a ramp from rest, and of one to rest, is not optimized
 # that ends either early in the first phase, in which the jerk grows, or within the second, at constant jerk: where the
 # first one is nearly over, its rest would be the first span
 _EARLY = 0.5  # of the first phase
 _LATE = 1.3  # of the first phase
 _NEAR_REST = 0.1  # of the first phase is not optimized at least
-_QUICKER = 0.7  # least factor of the time of what is not optimized: its jerk may be far below the limit
+_QUICKER = 0.3  # least factor of the time of what is not optimized, whose jerk may be far below the limit
 # the state behind such a beginning is given: at the limit itself no spline could start
 _AT_ENDS = Limits(0.97, 0.97, 0.97, 0.998)  # usable shares of the limits of velocity to snap there
 _BLENDED = 300  # number of coefficients over which the first spline takes up such a change of speed
