@@ -910,7 +910,7 @@ def states(motion: Motion, begin: Floats, time: Floats, out: Records[Reached]) -
 _FINE = 7.0  # number of spans in the duration of half a ramp
 # slow pieces of a path can make ramps over all of it much longer than they are once lifted
 _WIDEST = 0.5  # of a ramp from rest to the top speed on a straight path, in place of half a ramp of the plan
-# some time intervals exist only due to rounding: their length must not set that of the spans
+# short time intervals of a plan, and those that exist only due to rounding, are none of the lifted motion
 _FINEST = 0.2  # of the mean duration of time intervals
 _LEAST_SPAN = 1e-9  # s: a first phase of the duration of rounding must not set the first span
 _HIDDEN = 0.1  # of the spans: shorter time intervals do not show in the spline
@@ -952,9 +952,9 @@ def spacing(
             for k in range(begin, begin + wide):
                 lasts = lasts + lasting[k]
             least = min(least, lasts)
-        h = min(least * share / _FINE, _WIDEST / _FINE * ramps[int(motion.piece[m])])
+        h = min(max(least * share / _FINE, _FINEST * mean), _WIDEST / _FINE * ramps[int(motion.piece[m])])
         # spans stay as they are: with other knots the snaps of a lifted motion would exceed their limits
-        step[m] = (lasting[m] if m < spans else max(h, _FINEST * mean)) / float(finer[m])
+        step[m] = (lasting[m] if m < spans else h) / float(finer[m])
     for m in range(n + 1):
         h = min(step[min(m, n - 1)], step[max(m - 1, 0)])
         # the states at the ends fix three coefficients: a span there must not be longer than the phase it lies in
