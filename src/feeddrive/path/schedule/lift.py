@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -63,6 +63,7 @@ _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
 _GIVEN = 8.0  # number of spans from a given state at an end over which the reduction grows to that
 _REFINED = 3  # largest number of times that a section is tried, each time with spans half as long where it failed
+_LONG = 120  # number of time intervals from which on a section is divided where it failed, before spans are halved
 _ASIDE = 32  # number of spans on either side of such a point that are optimized again
 # a lifted motion ends in a node of the plan; lifted again with the next part, it need not have u'' = u''' = 0 there
 _HELD = 0.3  # of the duration of the lifted motion is held back for the next part
@@ -109,9 +110,12 @@ class Lifter:
                 # an estimate, not a bound: lifting 1,908 ramps gained at most 0.69 of it
                 if path.gain(motion, first, last) < _LITTLE * _around_time(motion, first, last):
                     continue
-                lifted, kept = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
-                if lifted is not None:
-                    done.append((first, last, lifted, kept))
+                tried = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
+                if tried.motion is not None:
+                    done.append((first, last, tried.motion, tried.kept))
+                elif tried.failed is not None:
+                    one, two = (first + k for k in tried.failed)
+                    waiting += [part for part in ((two, last), (one, two), (first, one)) if part[0] < part[1]]
                 else:
                     waiting += _halves(motion, first, last)
             return done
@@ -128,6 +132,19 @@ class Lifter:
             part, self.hand = _cut(part, self._spans)
             self._spans = len(self.hand.motion.duration)
         yield part
+
+
+class Tried(NamedTuple):
+    """What became of a section.
+
+    motion  the faster motion, or None
+    kept    number of its time intervals at the start that remain unchanged
+    failed  the time intervals in which limits could not be kept, from one up to but excluding another, if these are few
+    """
+
+    motion: Motion | None = None
+    kept: int = 0
+    failed: tuple[int, int] | None = None
 
 
 class _Path:
@@ -150,16 +167,16 @@ class _Path:
         room = rows_for(Derivatives, len(self._limits))
         return spline.ramp_gain(self._pieces, self._limits, motion, first, last, room)
 
-    def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> tuple[Motion | None, int]:
-        """Return a faster, proven motion between the same states, or None; it may begin or end at rest.
+    def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> Tried:
+        """Try to find a faster, proven motion between the same states; it may begin or end at rest.
 
-        The first `spans` time intervals are already spans of an earlier spline.  The second result is the number of
-        time intervals at the start that remain unchanged.
+        The first `spans` time intervals are already spans of an earlier spline.
         """
         if len(motion.duration) <= _HUMP and np.all(self._pieces.kind[motion.piece[0] : motion.piece[-1] + 1] == LINE):
-            return None, 0  # on a line it is already time-optimal
+            return Tried()  # on a line it is already time-optimal
         lengths = self._pieces.length
         first, last = 0, len(motion.duration)
+        whole = last
         if begins:
             k, t = self._near_rest(motion.duration)
             motion = divided(motion, k, t, lengths)
@@ -174,10 +191,14 @@ class _Path:
         for factors in dict.fromkeys([(begin, end), (max(begin, 1.0), max(end, 1.0))]):
             beside = _slowed(head, factors[0]), _slowed(tail, factors[1])
             lifted = self._between(between, state, spans, factors, beside)
-            if lifted is not None:
+            if isinstance(lifted, Motion):
                 lifted = _one([beside[0], lifted, beside[1]])
-                return (lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else (None, 0)
-        return None, 0
+                return Tried(lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else Tried()
+            if lifted is not None:
+                # the time interval that was divided near a rest at the start counts once
+                one, two = ((k + first - begins if k else 0) for k in lifted)
+                return Tried(failed=(one, two if lifted[1] < len(between.duration) else whole))
+        return Tried()
 
     def _near_rest(self, duration: np.ndarray) -> tuple[int, float]:
         """Return the time interval, and the time within it, up to which a motion from rest is not optimized."""
@@ -205,12 +226,13 @@ class _Path:
 
     def _between(
         self, motion: Motion, end: State, spans: int, factors: Sequence[float], beside: tuple[Motion, Motion]
-    ) -> Motion | None:
+    ) -> Motion | tuple[int, int] | None:
         """Return a proven motion between the same states, or None, for a motion that is at rest at neither end; `end`
         is u' .. u''' at its end.
 
         Both states are those of a motion whose time is multiplied by one of the two factors.  `beside` are the motions
-        before and after, which are proven with it.  Where it fails, spans are halved.
+        before and after, which are proven with it.  Where it fails, spans are halved; of a long motion that fails in
+        few places the range of time intervals around these is returned instead.
         """
         finer = np.ones(len(motion.duration), np.int64)
         for _ in range(_REFINED):
@@ -223,6 +245,10 @@ class _Path:
             of_failed = np.zeros(len(finer), bool)
             for one, two in zip(first.tolist(), last.tolist(), strict=True):
                 of_failed[one:two] = True
+            if len(finer) >= _LONG:
+                apart = _nodes_around(motion, int(np.min(first)), int(np.max(last)))
+                if apart is not None:
+                    return apart
             finer[of_failed] *= 2
         return None
 
@@ -437,6 +463,17 @@ def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.nda
             sections.append((first, int(last)))
         first = int(last) + (1 if last < len(flat) and flat[last] else 0)
     return sections
+
+
+def _nodes_around(motion: Motion, first: int, last: int) -> tuple[int, int] | None:
+    """Return the nodes, or ends of the motion, around some time intervals, with room for ramps; None if these are more
+    than half of the motion.
+    """
+    n = len(motion.duration)
+    nodes = np.flatnonzero((motion.acceleration == 0.0) & (motion.jerk == 0.0))
+    before, behind = nodes[nodes <= first - _HUMP], nodes[nodes >= last + _HUMP]
+    one, two = int(before[-1]) if len(before) else 0, int(behind[0]) if len(behind) else n
+    return (one, two) if 2 * (two - one) <= n else None
 
 
 def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
