@@ -235,7 +235,7 @@ class _Path:
         few places the range of time intervals around these is returned instead.
         """
         finer = np.ones(len(motion.duration), np.int64)
-        for _ in range(_REFINED):
+        for again in range(_REFINED):
             lifted, time, failed = self._tried(motion, end, spans, factors, beside, finer)
             if lifted is not None or not len(failed):
                 return lifted
@@ -245,7 +245,7 @@ class _Path:
             of_failed = np.zeros(len(finer), bool)
             for one, two in zip(first.tolist(), last.tolist(), strict=True):
                 of_failed[one:two] = True
-            if len(finer) >= _LONG:
+            if again > 0 and len(finer) >= _LONG:
                 apart = _nodes_around(motion, int(np.min(first)), int(np.max(last)))
                 if apart is not None:
                     return apart
