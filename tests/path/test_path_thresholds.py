@@ -47,7 +47,7 @@ from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.override import override
 from feeddrive.path.schedule.plan import timed
 from feeddrive.path.schedule.ramp import pieces_room
-from feeddrive.path.schedule.run import SHARES, Schedule, plan_run
+from feeddrive.path.schedule.run import Schedule, plan_run
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill, causes
 from feeddrive.path.tip_proof import TipProver
 
@@ -735,6 +735,38 @@ def test_a_section_is_tried_with_spans_of_three_lengths(monkeypatch: pytest.Monk
     nothing = lift._some(motion, 0, 0)
     assert path._between(motion, spline.State(1.0, 0.0, 0.0), 0, (1.0, 1.0), (nothing, nothing)) is None
     assert tries == [1, 2, 4]
+
+
+@pytest.mark.parametrize(("count", "around"), [(100, None), (150, (60, 91))])
+def test_a_section_of_120_time_intervals_is_divided_where_it_failed_twice(
+    count: int, around: tuple[int, int] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With room for ramps on either side: 15 time intervals, at all of which there is a node here."""
+    tries = list[int]()
+
+    def fails(*_: object) -> Any:
+        tries.append(1)
+        return None, np.arange(count + 1.0), np.array([count // 2])
+
+    monkeypatch.setattr(lift._Path, "_tried", fails)
+    zero = np.zeros(count)
+    motion = Motion(zero + 1.0, np.zeros(count, np.int64), zero, zero + 1.0, zero, zero, zero)
+    path, nothing = (
+        lift._Path(lines(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), 10.0), LIMITS),
+        lift._some(motion, 0, 0),
+    )
+    found = path._between(motion, spline.State(1.0, 0.0, 0.0), 0, (1.0, 1.0), (nothing, nothing))
+    assert found is None if around is None else isinstance(found, tuple)
+    assert len(tries) == (3 if around is None else 2)
+    if isinstance(found, tuple):
+        assert np.abs(np.array(found) - around).max() <= 2
+
+
+def test_a_motion_that_fails_all_over_is_not_divided() -> None:
+    zero = np.zeros(100)
+    motion = Motion(zero + 1.0, np.zeros(100, np.int64), zero, zero + 1.0, zero, zero, zero)
+    assert lift._nodes_around(motion, 40, 60) == (25, 75)
+    assert lift._nodes_around(motion, 39, 60) is None
 
 
 @pytest.mark.parametrize(("share", "follows"), [(0.15, False), (0.3, True)])
