@@ -115,7 +115,7 @@ class Lifter:
                     done.append((first, last, tried.motion, tried.kept))
                 elif tried.failed is not None:
                     one, two = (first + k for k in tried.failed)
-                    waiting += [part for part in ((two, last), (one, two), (first, one)) if part[0] < part[1]]
+                    waiting += [(a, b) for a, b in ((two, last), (one, two), (first, one)) if a < b]
                 else:
                     waiting += _halves(motion, first, last)
             return done
@@ -188,16 +188,16 @@ class _Path:
         head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
         begin, end = self._factor(head), self._factor(tail)
         between, state = _some(motion, first, last), _end(_some(motion, 0, last))
-        for factors in dict.fromkeys([(begin, end), (max(begin, 1.0), max(end, 1.0))]):
-            beside = _slowed(head, factors[0]), _slowed(tail, factors[1])
-            lifted = self._between(between, state, spans, factors, beside)
+        for one, two in dict.fromkeys([(begin, end), (max(begin, 1.0), max(end, 1.0))]):
+            before, behind = _slowed(head, one), _slowed(tail, two)
+            lifted = self._between(between, state, spans, (one, two), (before, behind))
             if isinstance(lifted, Motion):
-                lifted = _one([beside[0], lifted, beside[1]])
+                lifted = _one([before, lifted, behind])
                 return Tried(lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else Tried()
             if lifted is not None:
                 # the time interval that was divided near a rest at the start counts once
-                one, two = ((k + first - begins if k else 0) for k in lifted)
-                return Tried(failed=(one, two if lifted[1] < len(between.duration) else whole))
+                near, far = ((k + first - begins if k else 0) for k in lifted)
+                return Tried(failed=(near, far if far < last - begins else whole))
         return Tried()
 
     def _near_rest(self, duration: np.ndarray) -> tuple[int, float]:
