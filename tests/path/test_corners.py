@@ -449,7 +449,7 @@ def _at(part: Part, t: float) -> np.ndarray:
     return out[:, 1:]
 
 
-@pytest.mark.parametrize(("lasts", "above"), [(0.3, 1.03), (0.6, 1.06)])
+@pytest.mark.parametrize(("lasts", "above"), [(0.3, 1.06), (0.6, 1.06)])
 def test_the_use_of_limits_by_two_arcs_is_that_at_instants(lasts: float, above: float):
     """At 400 instants velocity to jerk are at most what is found, and hardly less: curvature counts as it is there."""
     parts = _lens()
@@ -464,17 +464,18 @@ def test_the_use_of_limits_by_two_arcs_is_that_at_instants(lasts: float, above: 
 
 
 def test_two_arcs_are_both_slower_where_their_sum_is_above_a_limit_by_little():
-    """Arcs that use the limits throughout overlap by 13 ms as they are; slower they take 11 ms less."""
+    """Limits that the arcs break by up to 4 %: as they are they overlap by 2 ms; slower they take 22 ms less."""
     parts = _lens()
     end, begin = _end(parts[0], True), _end(parts[1], False)
-    crossings = Crossings(LIMITS)
+    lower = 0.96 * LIMITS
+    crossings = Crossings(lower)
     found = [*crossings.add(parts[0], 5e-5), *crossings.add(parts[1], 0.0), *crossings.end()]
     assert proof(found).count == 0, proof(found).faults[0]
-    as_they_are = overlap(end, begin, min(end.lasts, begin.lasts), 5e-5, LIMITS)
+    as_they_are = overlap(end, begin, min(end.lasts, begin.lasts), 5e-5, lower)
     assert time(found) < time(parts) - as_they_are - 0.008
-    lasts, factor = slower_overlap(end, begin, 0.1, 5e-5, LIMITS, time(parts), 0.0)
+    lasts, factor = slower_overlap(end, begin, 0.1, 5e-5, lower, time(parts), 0.0)
     assert 1.0 < factor < 1.1
-    use, away, _ = together(_slow(end, factor), _slow(begin, factor), lasts, LIMITS, 0.15)
+    use, away, _ = together(_slow(end, factor), _slow(begin, factor), lasts, lower, 0.15)
     assert 0.99 < use <= 1.0 + 1e-9
     assert away <= 5e-5
 
