@@ -26,6 +26,7 @@ ROW = 1.45 * SMALL  # height of a row of a legend
 _APART = 8.0  # between panels
 BAR = 9.0  # width of a color bar
 _MARGIN = 0.05  # share of a range that is left free at both ends
+_SAME = 1e-12  # relative: a smaller range is that of one value
 _SQUARE_MARGIN = 0.04  # the same of equal scales
 TURN = 40.0  # degrees of slanted texts
 _LOW = 30.0  # the least height of a panel; a picture with more around it becomes higher
@@ -356,11 +357,15 @@ def _range(
     values = [np.asarray(each, np.float64).ravel() for panel in panels for each in _content(panel, across)]
     found = np.concatenate([*values, np.empty(0)])
     found = found[np.isfinite(found) & (found > 0.0 if log else True)]
-    least, most = (float(found.min()), float(found.max())) if found.size else (1.0, 10.0) if log else (0.0, 1.0)
-    if not most - least > 1e-12 * max(abs(least), abs(most)):
-        room = margin * abs(least) or abs(least) or 1.0
+    if not found.size:
+        least, most, margin = (1.0, 10.0, 0.0) if log else (0.0, 1.0, 0.0)
+    else:
+        least, most = float(found.min()), float(found.max())
+    if not most - least > _SAME * max(abs(least), abs(most)):
+        room = _MARGIN * abs(least) or _MARGIN
         least, most = (0.5 * least, 2.0 * least) if log else (least - room, most + room)
-    elif not any(panel.field is not None for panel in panels):
+    # the cells of a field reach to the edges
+    if not any(panel.field is not None for panel in panels):
         room = margin * (np.log(most / least) if log else most - least)
         least, most = (least * np.exp(-room), most * np.exp(room)) if log else (least - room, most + room)
     least, most = float(least if low is None else low), float(most if high is None else high)

@@ -55,7 +55,7 @@ def logarithmic(low: float, high: float, most: float) -> Ticks:
         values, minor = _decades(low, high, digits, skipped)
         if len(values) >= _ENOUGH:
             break
-    if len(values) < 2:
+    if len(values) < 2 and decades < 1.0:
         values, texts, _, power = linear(low, high, min(most, 5.0))
         return Ticks(values, texts, (), power)
     return Ticks(values, [decade_text(value) for value in values], minor)

@@ -19,8 +19,8 @@ from feeddrive.language.table import READER, Grid, Table, drawn_in
 from feeddrive.language.text import marked, plain, resolve, split
 from feeddrive.plot import style
 from feeddrive.plot.chart import Chart
-from feeddrive.plot.svg import svg as drawn_as_svg
 from feeddrive.report.report import Marked, Part, Picture, Report
+from feeddrive.report.svg import svg_element
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -149,4 +149,4 @@ def svg(chart: Chart, key: str, alt: str) -> str:
     key  prefix that makes its identifiers unique among the pictures of a page
     alt  description of the picture
     """
-    return drawn_as_svg(chart.shown(READER.get()), key, alt, THEME)
+    return svg_element(chart.shown(READER.get()), key, alt, THEME)

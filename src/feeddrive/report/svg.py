@@ -1,6 +1,6 @@
 """Charts as SVG for pages: texts stay texts, colors are the page's variables, and nothing but numpy is needed.
 
-`layout` places the parts, and this module writes them. Lengths are points, 72 in an inch; y points down.
+`plot/layout.py` places the parts, and this module writes them. Lengths are points, 72 in an inch; y points down.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _DENSE = 3  # paths of a cloud of pale points, so that overlaps look darker
 _NARROW = 1.0  # narrower columns of a field are joined
 
 
-def svg(chart: Chart, key: str, alt: str, colors: Mapping[str, str] | None = None) -> str:
+def svg_element(chart: Chart, key: str, alt: str, colors: Mapping[str, str] | None = None) -> str:
     """Return a chart, with its texts in display units, as an SVG element.
 
     key     prefix that makes its identifiers unique on a page
