@@ -202,8 +202,17 @@ def test_numbers_of_a_logarithmic_axis() -> None:
     assert list(ticks.logarithmic(1.0, 1000.0, 10.0).texts) == ["1", "10", "100", "1000"]
     assert list(ticks.logarithmic(1e-7, 1e7, 4.0).texts) == ["10⁻⁴", "1", "10000"]
     assert list(ticks.logarithmic(1.1, 1.9, 4.0).texts) == ["1.2", "1.4", "1.6", "1.8"]
-    assert ticks.decade_text(2e-5) == "2·10⁻⁵"
+    assert [ticks.decade_text(each) for each in (2e-5, 8e4, 1e5)] == ["2·10⁻⁵", "80000", "10⁵"]
+
+
+def test_numbers_of_linear_axes() -> None:
+    for most, step in ((10.0, 1.0), (5.0, 2.0), (2.0, 5.0), (1.0, 10.0)):
+        assert list(ticks.linear(0.0, 10.0, most).values) == list(np.arange(0.0, 10.1, step))
     assert list(ticks.degrees(0.0, 360.0, 8.0).values) == list(np.arange(0.0, 361.0, 45.0))
+    assert list(ticks.degrees(0.0, 60.0, 6.0).values) == list(np.arange(0.0, 61.0, 10.0))
+    assert [ticks.phase_step(0.0, span) for span in (45.0, 500.0, 1e4)] == [15.0, 90.0, 720.0]
+    assert [ticks.linear(0.0, high, 2.0).power for high in (8e5, 1.5e6, 1.5e-3, 8e-4)] == ["", "×10⁶", "", "×10⁻⁶"]
+    assert list(ticks.linear(-0.2, 0.2, 4.0).texts) == ["−0.2", "−0.1", "0.0", "0.1", "0.2"]
 
 
 LONG = "the position that the table would have without any friction of its ways"
