@@ -284,8 +284,9 @@ class _Drawing:
     def _curve(self, frame: Frame, curve: Curve) -> None:
         tint = self._tint(_color(curve.number, _neutral(curve)))
         if curve.look == looks.SOLID:
-            path = "".join(_polygon(frame.x(x), frame.y(y)) for x, y in style.shapes(curve))
-            self._add(f'<path d="{path}" fill="{tint}">{_hint(curve)}</path>')
+            shapes = ((frame.x(x), frame.y(y)) for x, y in style.shapes(curve))
+            path = "".join(_steps(*thinned(x, y)) + "z" for x, y in shapes if x.size and np.all(np.isfinite(x + y)))
+            self._add(f'<path d="{path}" transform="scale({_FINE})" fill="{tint}">{_hint(curve)}</path>')
             return
         stroke = style.stroke(curve)
         x, y = frame.x(curve.x), frame.y(curve.y)
@@ -576,11 +577,6 @@ def _hint(curve: Curve) -> str:
 def _line(tint: str, wide: float, dashes: Sequence[float] = (), fill: str = 'fill="none" ') -> str:
     dashed = f' stroke-dasharray="{" ".join(map(_n, dashes))}"' if len(dashes) else ""
     return f'{fill}stroke="{tint}" stroke-width="{_n(wide)}"{dashed}'
-
-
-def _polygon(x: np.ndarray, y: np.ndarray) -> str:
-    places = [f"{_n(px)} {_n(py)}" for px, py in zip(x.tolist(), y.tolist(), strict=True) if np.isfinite(px + py)]
-    return f"M{'L'.join(places)}z" if places else ""
 
 
 def _circle(r: float) -> str:
