@@ -129,8 +129,8 @@ def distances(points: np.ndarray, line: np.ndarray) -> np.ndarray:
 @given(st.integers(0, 2**32 - 1))
 def test_a_thinned_line_is_near_to_every_point(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    turn = np.cumsum(rng.normal(scale=rng.choice([1e-3, 0.03, 1.0]), size=300))
-    step = rng.choice([0.01, 0.5, 20.0]) * rng.random(300)
+    turn = np.cumsum(rng.normal(scale=rng.choice([1e-3, 0.03, 1.0]), size=150))
+    step = rng.choice([0.01, 0.5, 20.0]) * rng.random(150)
     x, y = np.cumsum(step * np.cos(turn)), np.cumsum(step * np.sin(turn))
     kept = np.column_stack(thinned(x, y))
     assert kept[0] == pytest.approx([x[0], y[0]])
