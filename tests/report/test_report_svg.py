@@ -266,6 +266,7 @@ def test_numbers_of_narrow_panels_do_not_touch() -> None:
         panels = tuple(Panel("y", (Curve(most * T, most * T),), abscissa=Abscissa(f"x {k}")) for k in range(4))
         picture = drawn(Chart("", panels, across=4))
         assert svg_texts.overlapping(picture) == []
+        assert "rotate(-40 " not in picture  # fewer numbers, and none slanted
     names = tuple(Tick(float(k), f"a long name for {k}") for k in range(9))
     picture = drawn(Chart("", (Panel("y", (Curve(8.0 * T / 2.0, T),)),), ticks=names))
     assert len(re.findall(r"rotate\(-40 ", picture)) == 9  # slanted where they do not fit
