@@ -262,8 +262,8 @@ def test_a_legend_stands_apart_from_all_panels() -> None:
 
 
 def test_numbers_of_narrow_panels_do_not_touch() -> None:
-    for most in (1.0, 12345.678, 1e-5, 3e12):
-        panels = tuple(Panel("y", (Curve(most * T, most * T),), abscissa=Abscissa(f"x {k}")) for k in range(4))
+    for most, least in ((1.0, 0.0), (12345.678, 0.0), (1e-5, 0.0), (3e12, 0.0), (1e-3, 1000.0)):
+        panels = tuple(Panel("y", (Curve(least + most * T, most * T),), abscissa=Abscissa(f"x {k}")) for k in range(4))
         picture = drawn(Chart("", panels, across=4))
         assert svg_texts.overlapping(picture) == []
         assert "rotate(-40 " not in picture  # fewer numbers, and none slanted
