@@ -103,7 +103,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
 
 @pytest.fixture(autouse=True)
 def _few_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nine tenths of a command's time go into the pictures of its report: tests of commands leave them empty.
+    """Charts of a report take time: tests of commands leave its pictures empty.
 
     `@pytest.mark.pictures` keeps them: one test a command, so that every page is drawn once.
     """

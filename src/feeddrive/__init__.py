@@ -4,7 +4,6 @@ This namespace holds the names that most programs need. All others are in the su
 and the blocks are in `feeddrive.blocks`. Names are loaded on first use, so that `import feeddrive` is fast.
 """
 
-from difflib import get_close_matches
 from typing import Any
 
 from feeddrive.language.lazy_package import make_lazy, public_names
@@ -61,6 +60,8 @@ def _moved(name: str) -> Any:
         near |= {public: f"fd.{room}.{public}" for public in public_names(f"{__name__}.{room}") if public not in near}
     if name[:1].isupper():
         near |= {block: f"fd.blocks.{block}" for block in dir(blocks) if block not in near}
+    from difflib import get_close_matches  # only for a message
+
     matches = get_close_matches(name, near, 3)
     raise AttributeError(
         f"feeddrive has no name '{name}'; "

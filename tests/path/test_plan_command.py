@@ -117,17 +117,19 @@ def test_the_report_shows_path_limits_profiles_and_stops(tmp_path: Path) -> None
     assert plan(part(tmp_path, "F600 G1 X5\nM2\n"), machine="emps", limits=one_axis(tmp_path)).plot() is not None
 
 
-def test_a_report_without_pictures_needs_no_matplotlib(tmp_path: Path) -> None:
+def test_a_report_needs_no_matplotlib_and_none_of_its_pictures(tmp_path: Path) -> None:
     """In a process of its own; counts of one are in the singular."""
     out = tmp_path / "out"
     program = part(tmp_path, "G61 G1 X60 F3000\nY20\nM2\n")
     code = (
         "import sys, feeddrive as fd\n"
+        f"fd.workflow.plan({str(program)!r}, machine='mill', out={str(tmp_path / 'drawn')!r})\n"
         f"fd.workflow.plan({str(program)!r}, machine='mill', out={str(out)!r}, no_pictures=True)\n"
         "print(*(name for name in ('matplotlib', 'pandas', 'scipy') if name in sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
+    assert "<svg" in (tmp_path / "drawn/report.html").read_text(encoding="utf-8")
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "<svg" not in page
     assert "Limits" in page

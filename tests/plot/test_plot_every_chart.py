@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 import feeddrive as fd
+import svg_texts
 from feeddrive import plot
 from feeddrive.analysis.margins import Margins, margins
 from feeddrive.analysis.replay import Replay
@@ -59,6 +60,8 @@ from feeddrive.plot.chart import (
     stairs,
 )
 from feeddrive.plot.drawing import drawn
+from feeddrive.plot.layout import Layout
+from feeddrive.report.svg import svg_element
 from feeddrive.study import answers as of_study
 from feeddrive.study import robust as of_robust
 from feeddrive.study.statistics import INSIDE, RankCorrelation, Share, SobolIndices
@@ -66,7 +69,7 @@ from feeddrive.study.study import Bound
 
 KEEPS_QUANTITIES = True
 SOURCE = Path(fd.__file__).parent
-DRAWS = {"plot/drawing.py", "plot/style.py", "plot/picture.py", "report/page.py"}  # the last one writes the SVG
+DRAWS = {"plot/drawing.py", "plot/style.py", "plot/picture.py"}
 T = np.linspace(0.0, 2.0, 3000)
 S = np.sin(8.0 * T)
 F = np.geomspace(5.0, 500.0, 120)
@@ -405,13 +408,43 @@ def chart(place: str) -> Callable[..., Chart]:
 def test_a_picture_is_a_chart_that_can_be_drawn(name: str) -> None:
     made = (OF_PLOT | OF_ROOMS)[name]()
     assert isinstance(made, Chart)
-    assert list(texts(made.shown(DRAWN))) == [text for text in texts(made.shown(DRAWN)) if "\ue000" not in text]
-    figure = drawn(made)
-    figure.draw_without_rendering()
-    assert len([ax for ax in figure.axes if not hasattr(ax, "_colorbar")]) == len(made.panels)
-    for legend in [each for ax in figure.axes for each in [ax.get_legend(), *figure.legends] if each is not None]:
-        box = legend.get_window_extent()
-        assert all(box.y0 >= ax.bbox.y1 - 0.03 * ax.bbox.height for ax in figure.axes if legend.axes in (None, ax))
+    shown = made.shown(DRAWN)
+    assert list(texts(shown)) == [text for text in texts(shown) if "\ue000" not in text]
+    picture = svg_element(shown, "k", name)
+    assert not re.search(r"\b(nan|inf)\b", picture)
+    assert svg_texts.overlapping(picture) == []
+    assert svg_texts.outside(picture) == []
+    written = {each.text.replace("\n", " ") for each in svg_texts.texts(picture)}
+    axes = [each for panel in shown.panels for each in (panel.label, panel.abscissa.label if panel.abscissa else "")]
+    if not made.bare:
+        assert {text.replace("\n", " ") for text in (*axes, shown.label) if text} <= written
+
+
+@pytest.mark.slow(reason="matplotlib draws 80 pictures")
+@pytest.mark.parametrize("part", range(4))
+def test_both_ways_to_draw_show_the_same(part: int) -> None:
+    """Ranges of all axes, and texts of legends, ticks apart."""
+    for name, make in list((OF_PLOT | OF_ROOMS).items())[part::4]:
+        made = make()
+        figure = drawn(made)
+        figure.draw_without_rendering()
+        axes = [ax for ax in figure.axes if not hasattr(ax, "_colorbar")]
+        layout = Layout(made.shown(DRAWN))
+        assert len(axes) == len(made.panels) == len(layout.frames)
+        for ax, frame in zip(axes, layout.frames, strict=True):
+            for found, axis in ((ax.get_xlim(), frame.x), (ax.get_ylim(), frame.y)):
+                # of equal scales the shape of the panel decides, and a single value has no range of its own
+                if frame.abscissa.square or frame.panel.ticks is not None:
+                    continue
+                low, high = np.log10(found) if axis.log else found
+                mine = (np.log10(axis.low), np.log10(axis.high)) if axis.log else (axis.low, axis.high)
+                assert mine == pytest.approx((low, high), abs=0.02 * (high - low)), (name, frame.panel.label)
+        legends = [each for ax in axes for each in [ax.get_legend(), *figure.legends] if each is not None]
+        named = {text.replace("\u200b", "").replace(r"\$", "$") for legend in legends for text in entries(legend)}
+        assert {entry.text for frame in layout.frames for entry in (*layout.legend, *frame.legend)} == named
+        for legend in legends:
+            box = legend.get_window_extent()
+            assert all(box.y0 >= ax.bbox.y1 - 0.03 * ax.bbox.height for ax in axes if legend.axes in (None, ax))
 
 
 def texts(thing: Any) -> Iterator[str]:

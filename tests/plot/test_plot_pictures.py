@@ -163,8 +163,7 @@ def test_a_frequency_axis_of_less_than_two_decades_has_numbers_between(
 
 
 def test_curves_differ_in_dashes_as_well_as_in_color() -> None:
-    looks = [style.curve(i) for i in range(6)]
-    assert len({look["color"] for look in looks}) == len({str(look["linestyle"]) for look in looks}) == 6
+    assert len({style.color(i) for i in range(6)}) == len({style.dashes(i) for i in range(6)}) == 6
 
 
 def test_neither_pyplot_nor_a_global_setting_is_touched() -> None:

@@ -13,7 +13,7 @@ import feeddrive as fd
 from conftest import Studio
 from feeddrive.language import tree
 from feeddrive.tuning.candidates import control_with
-from feeddrive.workflow.tune_files import machine_text
+from feeddrive.workflow.control_text import machine_text
 
 STAGE = Path(__file__).parents[3] / "shared" / "data" / "tokyo_stage_frf" / "frf.csv"
 LINES = np.geomspace(2.0, 1500.0, 700)

@@ -322,7 +322,8 @@ FOREIGN = {
     "export/linuxcnc_hal.py": "--install",
     "export/linuxcnc_session.py": "--install --compile --user --map-user --ipc --mount --net --pid --fork --kill-child "
     "--mount-proc --map-root-user",  # of halcompile and unshare
-    "report/page.py": "--ink --muted --paper --alert --font --curve-",  # variables of the style sheet
+    "report/page.py": "--ink --muted --paper --alert --curve- --heat-",  # variables of the style sheet
+    "report/svg.py": "--font",
 }
 
 

@@ -13,7 +13,8 @@ from feeddrive.files.machine import BUNDLED
 from feeddrive.language import tree
 from feeddrive.plot.drawing import drawn
 from feeddrive.tuning.candidates import candidates
-from feeddrive.workflow.tune_files import Story, machine_text, old_and_new
+from feeddrive.workflow.control_text import machine_text
+from feeddrive.workflow.tune_files import Story, old_and_new
 
 
 def test_the_old_value_in_a_comment_has_the_unit_of_its_key(tmp_path: Path) -> None:

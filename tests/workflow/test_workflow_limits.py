@@ -22,10 +22,10 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.workflow import identify_responses, run_job, tune_sources
 from feeddrive.workflow.circle import CircleRequest, _simulated
 from feeddrive.workflow.cogging import _listed, _orders, advice
+from feeddrive.workflow.control_text import machine_text
 from feeddrive.workflow.excite import _lost
 from feeddrive.workflow.lobes import _speeds
 from feeddrive.workflow.tour import MACHINE, axis
-from feeddrive.workflow.tune_files import machine_text
 
 DOCS = Path(__file__).parents[2] / "docs"
 

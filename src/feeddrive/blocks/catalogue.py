@@ -15,7 +15,6 @@ import os
 import sys
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -288,6 +287,8 @@ def find(family: type[B], kind: str) -> type[B]:
     kinds = members(family)
     if kind in kinds:
         return kinds[kind]
+    from difflib import get_close_matches  # only for a message
+
     near = [RENAMED[kind]] if RENAMED.get(kind) in kinds else get_close_matches(kind, kinds, 3)
     hint = f"did you mean {' or '.join(near)}?" if near else f"there are: {', '.join(kinds) or 'none'}"
     raise ParameterError(f"there is no {family.kind.replace('_', ' ')} of kind '{kind}'; {hint}; {OPT_IN}")

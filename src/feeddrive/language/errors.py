@@ -1,7 +1,6 @@
 """The errors that a user can cause, and helpers for their messages."""
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 from typing import Any, ClassVar
 
 from feeddrive.language.text import Text, capitalized, keeps_marks, marked, marks, split
@@ -9,6 +8,8 @@ from feeddrive.language.text import Text, capitalized, keeps_marks, marked, mark
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """Return a hint: `; did you mean a or b?` or, if no name is similar, `; there are: ...` (at most 20 names)."""
+    from difflib import get_close_matches  # only for a message
+
     names = list(allowed)
     # get_close_matches finds no letter in common in the other case, as in ppi for P-PI
     near = get_close_matches(name, names, 3) or [known for known in names if _letters(known) == _letters(name)]

@@ -12,7 +12,6 @@ written at its end, completely or not at all.
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import os
 import signal
 import threading
@@ -150,6 +149,8 @@ def follow_parent(first: Callable[[], None] = lambda: None) -> None:
 
     first  what is done before that, from a thread
     """
+    import multiprocessing  # only a child process needs it
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None

@@ -10,7 +10,7 @@ import numpy as np
 from feeddrive.language.quantity import Units
 from feeddrive.language.table import READER
 from feeddrive.plot import chart as looks
-from feeddrive.plot import style
+from feeddrive.plot import placing, style
 from feeddrive.plot.chart import Abscissa, Band, Box, Chart, Curve, Disc, Field, Heat, Level, Note, Panel, Tick
 
 if TYPE_CHECKING:
@@ -21,17 +21,6 @@ if TYPE_CHECKING:
 
     from feeddrive.plot.chart import Mark
     from feeddrive.plot.picture import Picture
-
-    Extent = tuple[float, float, float, float]
-    Dashes = tuple[float, tuple[float, ...]]
-
-
-_SPOTS = tuple(
-    (reach * dx, reach * dy)
-    for reach in (1.0, 1.9, 2.9, 4.0)
-    for dx, dy in ((1, 0), (-1, 0), (0.7, 0.8), (-0.7, 0.8), (0.7, -0.8), (-0.7, -0.8), (0, 1), (0, -1))
-)  # possible label positions, in steps of 9 points right and up
-_STEP, _WIDE, _TALL = 9.0, 4.2, 10.5  # points: step of a position; width of a letter; height of a line
 
 
 def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> None:
@@ -49,7 +38,7 @@ def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> N
     edge = scale * ax.bbox.extents
     for (px, py), there in at.items():
         text = ", ".join(str(style.caption(mark.name)) for mark in there)
-        box = _free(px, py, _WIDE * len(text), taken, edge)
+        box = placing.free_spot((px, py), (_WIDE * len(text), _TALL), taken, edge)
         taken.append(box)
         middle = (0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]))
         data, tint = (there[0].x, there[0].y), color(there[0].number)
@@ -64,7 +53,7 @@ def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> N
             color=tint,
         )
         end = (min(max(px, box[0]), box[2]), min(max(py, box[1]), box[3]))
-        if np.hypot(end[0] - px, end[1] - py) > 0.8 * _STEP:
+        if np.hypot(end[0] - px, end[1] - py) > 0.8 * placing.STEP:
             ax.annotate(
                 "",
                 data,
@@ -74,36 +63,10 @@ def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> N
             )
 
 
-def _free(px: float, py: float, wide: float, taken: Sequence[Extent], edge: np.ndarray) -> Extent:
-    """Return the label box near a point that overlaps least with other boxes and the edge, preferably a close one."""
-    best: tuple[float, Extent] | None = None
-    for i, (dx, dy) in enumerate(_SPOTS):
-        left = px + _STEP * dx - wide * (0.0 if dx > 0 else 1.0 if dx < 0 else 0.5)
-        low = py + _STEP * dy - 0.5 * _TALL
-        box = (left, low, left + wide, low + _TALL)
-        over = sum(_shared(box, other) for other in taken)
-        out = max(edge[0] - box[0], 0.0) + max(box[2] - edge[2], 0.0)
-        out += max(edge[1] - box[1], 0.0) + max(box[3] - edge[3], 0.0)
-        # leaving the axes is worse than covering a label; the index lets the closest of equal positions win
-        cost = over + 20.0 * out + 3.0 * i
-        if best is None or cost < best[0]:
-            best = cost, box
-    assert best is not None
-    return best[1]
-
-
-def _shared(a: Extent, b: Extent) -> float:
-    """Return the area of the overlap of two boxes."""
-    return max(min(a[2], b[2]) - max(a[0], b[0]), 0.0) * max(min(a[3], b[3]) - max(a[1], b[1]), 0.0)
-
-
 P = ParamSpec("P")
-_DASHED: Dashes = (0, (4, 3))
-# dashes of limits that the legend distinguishes
-_LIMITS: tuple[Dashes, ...] = (_DASHED, (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 1.5)))
+_WIDE, _TALL = 4.2, 10.5  # points: width of a letter of a label, height of a line
 _MANY, _FEW = 1e4, 1e2  # logarithmic ranges: above, only some decades are labeled; below, 2 and 5 are labeled too
 _DECADES = 5.0  # on the x axes of a row of panels: up to so many, 2 and 5 are labeled too
-_COLD, _HOT = 1.1, 2.6  # line width of the smallest and the largest value
 
 
 def figure_of(chart: Callable[P, Chart]) -> Callable[P, Picture]:
@@ -358,7 +321,7 @@ def _level(ax: Axes, level: Level, kind: int) -> None:
         color=tint,
         linewidth=0.8 if level.faint else 1.0,
         label=style.caption("", level.caption),
-        linestyle=_LIMITS[kind % len(_LIMITS)] if level.dashed else "-",
+        linestyle=_dashes(style.LIMITS[kind % len(style.LIMITS)] if level.dashed else ()),
     )
     if not level.text:
         return
@@ -430,8 +393,9 @@ def _disc(ax: Axes, disc: Disc) -> None:
     where, tint = (disc.x, disc.y), style.GRID if disc.faint else _color(disc.number, style.MUTED)
     if disc.filled:
         ax.add_patch(Circle(where, disc.radius, facecolor=tint, alpha=0.10, edgecolor="none"))
-    dashes = "-" if disc.faint else _DASHED if disc.number < 0 else style.DASHES[disc.number % len(style.DASHES)]
-    ax.add_patch(Circle(where, disc.radius, fill=False, edgecolor=tint, linewidth=0.9, linestyle=dashes))
+    dashes = style.LIMITS[0] if disc.number < 0 else style.DASHES[disc.number % len(style.DASHES)]
+    line = _dashes(() if disc.faint else dashes)
+    ax.add_patch(Circle(where, disc.radius, fill=False, edgecolor=tint, linewidth=0.9, linestyle=line))
 
 
 def _note(ax: Axes, note: Note) -> None:
@@ -462,12 +426,12 @@ def _heat(ax: Axes, curve: Curve, heat: np.ndarray, scale: Heat) -> None:
     # A segment has the larger value of its two ends, so that a single peak keeps its color.
     larger = np.maximum(heat[:-1], heat[1:])
     # NaN equals no step and therefore draws no line.
-    step = np.clip(np.floor(n * (larger - scale.low) / (scale.high - scale.low)), 0, n - 1)
+    step = style.heat_step(larger, scale)
     for k in range(n):
         rows = np.flatnonzero(step == k)
         if rows.size:
-            x, y = (_stretches(row, rows) for row in (curve.x, curve.y))
-            ax.plot(x, y, color=colors(k), linewidth=_COLD + (_HOT - _COLD) * k / (n - 1), solid_capstyle="round")
+            x, y = (style.stretches(row, rows) for row in (curve.x, curve.y))
+            ax.plot(x, y, color=colors(k), linewidth=style.heat_width(k), solid_capstyle="round")
     _scale(ax, scale, colors)
 
 
@@ -482,25 +446,13 @@ def _scale(ax: Axes, scale: Heat, colors: Any) -> None:
     bar.outline.set_visible(False)  # type: ignore[operator]
 
 
-def _stretches(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return line segments from the chosen points to their successors, with NaN between consecutive runs."""
-    ends = np.append(np.diff(rows) > 1, True)
-    count = np.where(ends, 3, 1)
-    last = np.cumsum(count)[ends] - 1
-    taken = np.repeat(rows, count)
-    taken[last - 1] += 1
-    joined = values[taken].astype(np.float64)
-    joined[last] = np.nan
-    return joined
-
-
 def _band(ax: Axes, band: Band) -> None:
     ax.fill_between(
         band.x,
         band.low,
         band.high,
         color=_color(band.number, style.MUTED),
-        alpha=0.18,
+        alpha=style.BAND,
         linewidth=0.0,
         label=style.caption(band.name),
     )
@@ -513,60 +465,35 @@ def _curve(ax: Axes, curve: Curve) -> None:
     name = style.caption(curve.name, curve.caption)
     tint = _color(curve.number)
     if curve.look == looks.SOLID:
-        ax.fill(*_shapes(curve), color=tint, linewidth=0.0, label=name)
+        ax.fill(*(row for shape in style.shapes(curve) for row in shape), color=tint, linewidth=0.0, label=name)
     elif curve.look == looks.BAR:
-        ax.plot(
-            curve.x,
-            curve.y,
-            color=tint,
-            linewidth=2.4 * curve.size,
-            alpha=0.55,
-            solid_capstyle="butt",
-            label=style.caption(curve.name),
-        )
+        ax.plot(curve.x, curve.y, label=style.caption(curve.name), **_look(style.stroke(curve), tint))
         if curve.caption:
             _beside(ax, float(curve.x[0]), float(np.mean(curve.y)), curve.caption)
     else:
-        ax.plot(curve.x, curve.y, label=name, **_look(curve, tint))
+        tint = _color(curve.number, style.MUTED) if curve.look == looks.WIDE else tint
+        ax.plot(curve.x, curve.y, label=name, **_look(style.stroke(curve), tint))
 
 
-def _shapes(curve: Curve) -> list[np.ndarray]:
-    """Return x and y of each polygon; NaN separates the polygons."""
-    ends = np.flatnonzero(np.isnan(curve.x))
-    pieces = zip(np.split(curve.x, ends), np.split(curve.y, ends), strict=True)
-    return [row[np.isfinite(x)] for x, y in pieces for row in (x, y)]
+def _look(stroke: style.Stroke, tint: str) -> dict[str, Any]:
+    """Return the look of a curve for matplotlib."""
+    look: dict[str, Any] = {"color": tint, "linewidth": stroke.line, "linestyle": "none"}
+    if stroke.line:
+        look["linestyle"] = _dashes([part / stroke.line for part in stroke.dashes])
+    if stroke.alpha < 1.0:
+        look["alpha"] = stroke.alpha
+    if stroke.butt:
+        look["solid_capstyle"] = "butt"
+    if stroke.marker:
+        look |= {"marker": stroke.marker, "markersize": stroke.size, "markeredgewidth": stroke.edge}
+    if stroke.hollow:
+        look["markerfacecolor"] = "none"
+    return look
 
 
-def _look(curve: Curve, tint: str) -> dict[str, Any]:
-    size, marker = curve.size, style.marker(curve.number) if curve.number >= 0 else "o"
-    line = {"color": tint, "linewidth": style.LINE * size}
-    if curve.look in (looks.LINE, looks.MARKED) and curve.number >= 0:
-        line |= {"linestyle": style.dashes(curve.number)}
-    points: dict[str, Any] = {"color": tint, "linestyle": "none"}
-    match curve.look:
-        case looks.THIN:
-            return {"color": tint, "linewidth": 0.6 * size, "alpha": 0.6}
-        case looks.WIDE:
-            pale = _color(curve.number, style.MUTED)
-            return {"color": pale, "linewidth": 2.6 * size, "alpha": 0.55, "solid_capstyle": "butt"}
-        case looks.DASHED:
-            return line | {"linestyle": (0, (4, 2))}
-        case looks.MARKED:
-            return line | {"marker": marker, "markersize": 4.5 * size, "linewidth": style.LINE}
-        case looks.MARKERS:
-            return points | {"marker": marker, "markersize": 4.5 * size}
-        case looks.HOLLOW:
-            return points | {"marker": marker, "markersize": 5.0 * size, "markerfacecolor": "none"}
-        case looks.DOTS:
-            return points | {"marker": ".", "markersize": 3.0 * size, "alpha": 0.6}
-        case looks.CROSS:
-            return points | {"marker": "x", "markersize": 7.0 * size, "markeredgewidth": 1.6 * min(size, 1.0)}
-        case looks.RING:
-            return points | {"marker": "o", "markersize": 5.5 * size, "markerfacecolor": "none"}
-        case looks.PLUS:
-            return points | {"marker": "+", "markersize": 11.0 * size, "markeredgewidth": 1.8}
-        case _:
-            return line
+def _dashes(pattern: Sequence[float]) -> Any:
+    """Return the line style of dashes in line widths."""
+    return (0, tuple(pattern)) if pattern else "-"
 
 
 def _discs(ax: Axes, curve: Curve, reach: np.ndarray) -> None:

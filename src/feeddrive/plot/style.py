@@ -5,12 +5,15 @@ No global matplotlib setting is changed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from feeddrive.plot import chart
 from feeddrive.plot.chart import WIDTH as WIDTH
+from feeddrive.plot.chart import Curve, Heat
+from feeddrive.plot.ticks import phase_step
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,17 +24,22 @@ Thing = TypeVar("Thing")
 
 # Okabe & Ito 2008, without yellow, which is unreadable on white, and without black, which is the text color
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-# dashes for color-blind readers and gray print; the first curve is solid
-DASHES: tuple[Any, ...] = ("-", (0, (7, 2)), (0, (2, 1.5)), (0, (7, 2, 2, 2)), (0, (12, 3)), (0, (4, 1.5, 1, 1.5)))
+# dashes and gaps in line widths, for color-blind readers and gray print; the first curve is solid
+DASHES: tuple[tuple[float, ...], ...] = ((), (7, 2), (2, 1.5), (7, 2, 2, 2), (12, 3), (4, 1.5, 1, 1.5))
+LIMITS = (4.0, 3.0), (1.5, 1.5), (6.0, 1.5, 1.5, 1.5)  # dashes of limits that the legend distinguishes
 MARKERS = ("o", "s", "^", "D", "v", "P")
 # from small to large values: the lightness decreases uniformly, for gray print and color-blind readers
 HEAT = ("#54b0d7", "#4197db", "#5e79d3", "#8554b2", "#98277f", "#8a0c47", "#6c0b1b")
+# the same on dark paper, where large values are light
+DARK_HEAT = ("#256acf", "#a066ce", "#e464b6", "#ff7c97", "#ffa28d", "#ffc28b", "#fce26c")
 HEAT_STEPS = 12
+_COLD, _HOT = 1.1, 2.6  # line width of the smallest and the largest value
 INK, MUTED, GRID, PAPER, ALERT = "#1c2329", "#5a6772", "#d9dfe4", "#ffffff", "#b3261e"
 BETTER, WORSE = COLORS[0], COLORS[1]  # end colors of a comparison; the middle is the background
 
 TEXT, SMALL = 9.5, 8.5  # points
 LINE = 1.4
+BAND, PALE = 0.18, 0.22  # opacity of bands, and of areas of discs
 WIDE = 8.0  # ratio of peaks above which curves need a logarithmic scale, or separate scales
 
 
@@ -43,23 +51,116 @@ def color(i: int) -> str:
 def pale(tint: str) -> str:
     """Return a pale tint of a color, on which curves stay readable."""
     # opaque, not transparent: overlapping areas of one curve must not look darker
-    rgb = (0.22 * int(tint[k : k + 2], 16) + 0.78 * int(PAPER[k : k + 2], 16) for k in (1, 3, 5))
-    return "#" + "".join(f"{round(channel):02x}" for channel in rgb)
+    return _mixed(PAPER, tint, PALE)
 
 
-def dashes(i: int) -> Any:
-    """Return the dashes of the i-th curve; a second cycle of colors uses different dashes."""
+def _mixed(first: str, second: str, share: float) -> str:
+    """Return the color between two colors, at a share of the way."""
+    pairs = ((int(first[k : k + 2], 16), int(second[k : k + 2], 16)) for k in (1, 3, 5))
+    return "#" + "".join(f"{round(a + share * (b - a)):02x}" for a, b in pairs)
+
+
+def heat(k: int, colors: Sequence[str] = HEAT) -> str:
+    """Return the color of the k-th of `HEAT_STEPS` steps of a color scale."""
+    place = k / (HEAT_STEPS - 1) * (len(colors) - 1)
+    i = min(int(place), len(colors) - 2)
+    return _mixed(colors[i], colors[i + 1], place - i)
+
+
+def heat_width(k: int) -> float:
+    """Return the line width of the k-th step of a color scale, points."""
+    return _COLD + (_HOT - _COLD) * k / (HEAT_STEPS - 1)
+
+
+def heat_step(values: np.ndarray, scale: Heat) -> np.ndarray:
+    """Return the step of values on a color scale, 0 to `HEAT_STEPS` - 1; NaN stays."""
+    span = (scale.high - scale.low) or 1.0
+    return np.clip(np.floor(HEAT_STEPS * (values - scale.low) / span), 0, HEAT_STEPS - 1)
+
+
+def stretches(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return line segments from the chosen points to their successors, with NaN between consecutive runs."""
+    ends = np.append(np.diff(rows) > 1, True)
+    count = np.where(ends, 3, 1)
+    last = np.cumsum(count)[ends] - 1
+    taken = np.repeat(rows, count)
+    taken[last - 1] += 1
+    joined = values[taken].astype(np.float64)
+    joined[last] = np.nan
+    return joined
+
+
+def shapes(curve: Curve) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield x and y of each polygon of a filled curve; NaN separates the polygons."""
+    ends = np.flatnonzero(np.isnan(curve.x))
+    for x, y in zip(np.split(curve.x, ends), np.split(curve.y, ends), strict=True):
+        yield x[np.isfinite(x)], y[np.isfinite(x)]
+
+
+class Stroke(NamedTuple):
+    """The look of a curve, in points: width of its line and size of its markers, 0 for none.
+
+    dashes  dashes and gaps, points
+    edge    width of the outline of the markers
+    hollow  True for markers that are outlines
+    butt    True for a line with cut ends
+    """
+
+    line: float = 0.0
+    dashes: tuple[float, ...] = ()
+    marker: str = ""
+    size: float = 0.0
+    edge: float = 1.0
+    hollow: bool = False
+    alpha: float = 1.0
+    butt: bool = False
+
+
+def stroke(curve: Curve) -> Stroke:
+    """Return the look of a curve by its kind, its number and its size."""
+    size, shape = curve.size, marker(curve.number) if curve.number >= 0 else "o"
+    line, dashed = LINE * size, dashes(curve.number) if curve.number >= 0 else ()
+    match curve.look:
+        case chart.THIN:
+            return Stroke(0.6 * size, alpha=0.6)
+        case chart.WIDE:
+            return Stroke(2.6 * size, alpha=0.55, butt=True)
+        case chart.BAR:
+            return Stroke(2.4 * size, alpha=0.55, butt=True)
+        case chart.PLAIN:
+            return Stroke(line)
+        case chart.DASHED:
+            return Stroke(line, _times((4.0, 2.0), line))
+        case chart.MARKED:
+            return Stroke(LINE, _times(dashed, LINE), shape, 4.5 * size)
+        case chart.MARKERS:
+            return Stroke(marker=shape, size=4.5 * size)
+        case chart.HOLLOW:
+            return Stroke(marker=shape, size=5.0 * size, hollow=True)
+        case chart.DOTS:
+            return Stroke(marker="o", size=1.5 * size, alpha=0.6)
+        case chart.CROSS:
+            return Stroke(marker="x", size=7.0 * size, edge=1.6 * min(size, 1.0))
+        case chart.RING:
+            return Stroke(marker="o", size=5.5 * size, hollow=True)
+        case chart.PLUS:
+            return Stroke(marker="+", size=11.0 * size, edge=1.8)
+        case _:
+            return Stroke(line, _times(dashed, line))
+
+
+def _times(pattern: Sequence[float], width: float) -> tuple[float, ...]:
+    return tuple(width * part for part in pattern)
+
+
+def dashes(i: int) -> tuple[float, ...]:
+    """Return the dashes of the i-th curve in line widths; a second cycle of colors uses different dashes."""
     return DASHES[(i + i // len(COLORS)) % len(DASHES)]
 
 
 def marker(i: int) -> str:
     """Return the marker of the i-th curve."""
     return MARKERS[i % len(MARKERS)]
-
-
-def curve(i: int) -> dict[str, Any]:
-    """Return the color, dashes and width of the i-th curve."""
-    return {"color": color(i), "linestyle": dashes(i), "linewidth": LINE}
 
 
 def written(unit: str) -> str:
@@ -86,13 +187,15 @@ def shortened(name: str, most: int = 60) -> str:
     return shown if len(shown) <= most else shown[: most - 1] + "…"
 
 
-def caption(name: str, remark: str = "", most: int = 60) -> str | None:
-    """Return a user-given name and a remark for matplotlib, escaped, visible in the legend and truncated.
-
-    The result is None if both are empty.
-    """
+def titled(name: str, remark: str = "", most: int = 60) -> str:
+    """Return a user-given name, truncated if too long, with a remark behind it."""
     shown = shortened(name, most)
-    text = escaped(f"{shown}: {remark}" if shown and remark else shown or remark)
+    return f"{shown}: {remark}" if shown and remark else shown or remark
+
+
+def caption(name: str, remark: str = "", most: int = 60) -> str | None:
+    """Return `titled` for matplotlib: escaped, visible in the legend, and None if it is empty."""
+    text = escaped(titled(name, remark, most))
     # matplotlib leaves a label that begins with _ out of the legend: a zero-width space in front shows it
     return (f"\u200b{text}" if text.startswith("_") else text) or None
 
@@ -230,10 +333,15 @@ def degrees_axis(ax: Axes, low: float, high: float) -> None:
     """Choose a tick spacing of 15° to 720° and extend the axis limits to the nearest ticks."""
     from matplotlib.ticker import MultipleLocator
 
-    step = next((s for s in (15.0, 30.0, 45.0, 90.0, 180.0, 360.0) if (high - low) / s <= 6.0), 720.0)
+    step = phase_step(low, high)
     ax.yaxis.set_major_locator(MultipleLocator(step))
+    ax.set_ylim(*phase_range(low, high, step))
+
+
+def phase_range(low: float, high: float, step: float) -> tuple[float, float]:
+    """Return a range of phase extended to multiples of a step."""
     # A curve that ends on a tick gets another step, so that it does not lie on the edge.
-    ax.set_ylim(step * np.floor(low / step), step * np.ceil(high / step + 1e-9))
+    return step * float(np.floor(low / step)), step * float(np.ceil(high / step + 1e-9))
 
 
 def decibel(magnitude: np.ndarray) -> np.ndarray:

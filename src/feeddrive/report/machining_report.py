@@ -1,6 +1,9 @@
 """The reports on machining: circular tests, planned part programs, and simulated part programs."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -8,17 +11,22 @@ from feeddrive import plot
 from feeddrive.language.quantity import Quantity, count_of, number, unit_name
 from feeddrive.language.table import Cell, Column, Table
 from feeddrive.language.text import Text, joined
-from feeddrive.machining.circle_test import CircleCauses, CircleTest, peaks_table
-from feeddrive.machining.part_run import PartRun
-from feeddrive.machining.tip_error import TipError, joint_cells, joint_columns
-from feeddrive.path.planned import Planned
-from feeddrive.report.laws import Entry, LawsContents
 from feeddrive.report.report import Marked, Part, Picture, Report, Section, Verdict, facts, further, titled
 from feeddrive.version import __version__
+
+if TYPE_CHECKING:
+    # the report on a plan needs none of these, and is there sooner
+    from feeddrive.machining.circle_test import CircleCauses, CircleTest
+    from feeddrive.machining.part_run import PartRun
+    from feeddrive.machining.tip_error import TipError
+    from feeddrive.path.planned import Planned
+    from feeddrive.report.laws import Entry, LawsContents
 
 
 def circle_report(test: CircleTest, causes: CircleCauses, note: str = "") -> Report:
     """Return the report on a circular test; `note` is a line of text for the circle plot."""
+    from feeddrive.machining.circle_test import peaks_table
+
     pictures = [
         Picture(
             "circle",
@@ -472,6 +480,8 @@ def _direction(tip: TipError | None) -> list[Cell]:
 
 
 def _joints(tips: Sequence[tuple[Entry, TipError]]) -> Table:
+    from feeddrive.machining.tip_error import joint_cells, joint_columns
+
     rows = [
         [entry.name if i == 0 else "", joint.letter, *joint_cells(joint)]
         for entry, tip in tips

@@ -6,23 +6,21 @@ All text is escaped, and an undefined name in the template is an error.  A page 
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.errors import sentence
 from feeddrive.language.quantity import DRAWN, Units
-from feeddrive.language.table import Grid, Table, drawn_in
+from feeddrive.language.table import READER, Grid, Table, drawn_in
 from feeddrive.language.text import marked, plain, resolve, split
 from feeddrive.plot import style
 from feeddrive.plot.chart import Chart
-from feeddrive.plot.drawing import drawn
 from feeddrive.report.report import Marked, Part, Picture, Report
+from feeddrive.report.svg import svg_element
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -35,10 +33,14 @@ THEME = {
     style.PAPER: "var(--paper)",
     style.ALERT: "var(--alert)",
     **{color: f"var(--curve-{i})" for i, color in enumerate(style.COLORS)},
+    **{style.heat(k): f"var(--heat-{k})" for k in range(style.HEAT_STEPS)},
+}
+_HEAT = {
+    look: [style.heat(k, colors) for k in range(style.HEAT_STEPS)]
+    for look, colors in (("light", style.HEAT), ("dark", style.DARK_HEAT))
 }
 _WIDTHS = range(25, 70, 5)  # rem: screen widths at which a table may be cut off
 _CHARACTER, _BETWEEN, _AROUND = 0.5, 1.2, 4.0  # rem: character width, column gap, margin of a table
-_DECIMALS = re.compile(r"\d+\.\d+")
 # control characters other than line ends and tabs, which a page must not contain
 _CONTROL = dict.fromkeys([*range(9), *range(11, 32), *range(127, 160)])
 
@@ -56,7 +58,7 @@ def html(report: Report, units: Units | None = None) -> str:
     The same report always gives identical HTML.
     """
     units = page_units(rotary=report.rotary) if units is None else units
-    text = _environment().get_template("report.html").render(report=report, units=units, widths=_WIDTHS)
+    text = _environment().get_template("report.html").render(report=report, units=units, widths=_WIDTHS, heat=_HEAT)
     # quantities are placeholders until here: units are chosen once, after all texts are in place
     return resolve(text.translate(_CONTROL), units)
 
@@ -147,48 +149,4 @@ def svg(chart: Chart, key: str, alt: str) -> str:
     key  prefix that makes its identifiers unique among the pictures of a page
     alt  description of the picture
     """
-    import matplotlib
-
-    figure = drawn(chart)
-    text = StringIO()
-    # these entries differ from run to run or from version to version: without them equal reports give equal bytes
-    silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
-    # texts stay texts; identifiers come from the key, since matplotlib's own are random and no two pages would be equal
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": key}), warnings.catch_warnings():
-        # glyphs missing from matplotlib's font are available in the browser
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        figure.savefig(text, format="svg", metadata=silent)
-    return _inlined(text.getvalue(), key, alt, float(figure.get_figwidth()) / style.WIDTH)
-
-
-def _inlined(text: str, key: str, alt: str, width: float) -> str:
-    from markupsafe import escape
-
-    # an element of the page: neither the XML head nor matplotlib's style sheet, which would act on the whole page
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>|<defs>\s*<style.*?</defs>", "", text, flags=re.DOTALL)
-    box = re.search(r'viewBox="([^"]*)"', text)
-    head = f'<svg viewBox="{box[1] if box else ""}" width="{100 * width:.0f}%" role="img" aria-label="{escape(alt)}">'
-    body = text[text.index(">") + 1 :].replace("xlink:href", "href")
-    # matplotlib writes six decimals: keep one for paths, two for positions
-    body = re.sub(r'(?<= )(d|x|y|width|height|transform)="([^"]*)"', _rounded, body)
-    # pictures of one page share its identifiers: those of matplotlib would clash
-    body = _own_identifiers(body, key)
-    # colors by variables, so that a dark page recolors its pictures
-    body = re.sub(r"#[0-9a-f]{6}", lambda match: THEME.get(match[0], match[0]), body)
-    body = re.sub(r"font: ([\d.]+)px [^;\"]*", r"font: \1px var(--font)", body)
-    return head + re.sub(r">\s+<", "><", body).strip()
-
-
-def _rounded(match: re.Match[str]) -> str:
-    digits = 1 if match[1] == "d" else 2
-    return f'{match[1]}="{_DECIMALS.sub(lambda number: f"{float(number[0]):.{digits}f}", match[2])}"'
-
-
-def _own_identifiers(body: str, key: str) -> str:
-    """Rename the identifiers that are referenced within an SVG element, and remove the others."""
-    # a dict and not a set, whose order of texts changes from process to process
-    used = list(dict.fromkeys(re.findall(r"(?:url\(|href=\")#([^)\"]+)", body)))
-    names = {name: f"{key}{i}" for i, name in enumerate(used)}
-    body = re.sub(r' id="([^"]*)"', lambda match: f' id="{names[match[1]]}"' if match[1] in names else "", body)
-    return re.sub(r"(url\(|href=\")#([^)\"]+)", lambda match: f"{match[1]}#{names[match[2]]}", body)
+    return svg_element(chart.shown(READER.get()), key, alt, THEME)

@@ -33,8 +33,8 @@ from feeddrive.tuning.closed_loop import through
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import READINGS, OperatingPoint, modelled_point, one_encoder
 from feeddrive.workflow.command import AT_THE_MODEL, stem, told_apart
+from feeddrive.workflow.control_text import machine_text
 from feeddrive.workflow.tune import NO_MODEL
-from feeddrive.workflow.tune_files import machine_text
 from feeddrive.workflow.tune_sources import Sources, first_control, points_of
 
 AT_RESPONSES = "The limits hold for the measured responses, with their noise."

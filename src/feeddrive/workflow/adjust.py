@@ -22,7 +22,7 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.guard import Guard
 from feeddrive.tuning.filters import Difference, difference, read_filter, with_filters, written_filter
 from feeddrive.workflow.command import GUARD_LIMITS, Outcome, Request, argument, command, exporting, option
-from feeddrive.workflow.tune_files import machine_text
+from feeddrive.workflow.control_text import machine_text
 
 
 class AdjustRequest(Request):

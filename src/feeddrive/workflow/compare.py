@@ -152,7 +152,7 @@ def _next(
 
 def taken(machine: MachineFile, axis: str, control: Control) -> str:
     """Return the text of the machine file with the control of the chosen law."""
-    from feeddrive.workflow.tune_files import machine_text
+    from feeddrive.workflow.control_text import machine_text
 
     return with_origins(machine_text(machine, axis, control), (machine,))
 

@@ -45,8 +45,8 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.workflow.channels import mapped
 from feeddrive.workflow.command import CHANNELS, UNIT, Outcome, Request, argument, called, command, line, option
+from feeddrive.workflow.control_text import machine_text
 from feeddrive.workflow.drive_logs import chosen
-from feeddrive.workflow.tune_files import machine_text
 
 # role of a column that an option of a request names -> that option
 _OPTIONS = {

@@ -35,8 +35,8 @@ from feeddrive.tuning.candidates import control_with
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.travel import Pair, Travel, TunedTravel, tune_travel
 from feeddrive.workflow.command import Outcome, Request, argument, command, exporting, frequencies, option
+from feeddrive.workflow.control_text import machine_text
 from feeddrive.workflow.tune import limit_options
-from feeddrive.workflow.tune_files import machine_text
 
 _ROOM = 1.01  # of the limit of Ms: what is tuned to it may exceed it between places by what the tuning tolerates
 _JUDGMENTS = {

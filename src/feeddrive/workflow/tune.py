@@ -48,7 +48,8 @@ from feeddrive.workflow.command import (
     stem,
 )
 from feeddrive.workflow.commissioning import DriveAxis, drive_axis
-from feeddrive.workflow.tune_files import Story, machine_text, tables, tuned_report, write_tuned
+from feeddrive.workflow.control_text import machine_text
+from feeddrive.workflow.tune_files import Story, tables, tuned_report, write_tuned
 from feeddrive.workflow.tune_sources import Sources, first_control, machine_of, points_of
 
 # options that exclude --study: its machines are models, and its job names the axis

@@ -27,7 +27,8 @@ from feeddrive.study.robust import Measured, Robust, RobustTuner, bound_sentence
 from feeddrive.tuning.candidates import candidates, control_with
 from feeddrive.tuning.tune import law_tunables
 from feeddrive.workflow.command import Outcome
-from feeddrive.workflow.tune_files import Story, machine_text, summary, tables
+from feeddrive.workflow.control_text import machine_text
+from feeddrive.workflow.tune_files import Story, summary, tables
 
 EVERY = "every"  # in place of a law name: all laws that can control the axis
 
