@@ -11,6 +11,8 @@ import pytest
 import feeddrive as fd
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.filter.low_pass2 import LowPass2
+from feeddrive.blocks.filter.notch import Notch
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.figures.of_loops import DELAY_MARGIN, ROPE_SNAP, SENSITIVITY_PEAK
 from feeddrive.language import tree
@@ -27,7 +29,7 @@ from feeddrive.tuning.operating_point import modelled_point
 from feeddrive.tuning.screen import ScreenedPlants
 from feeddrive.tuning.search import Search
 from feeddrive.tuning.tune import Tuned, Tuner, Verdict, assess, tune_control
-from feeddrive.tuning.worst import Examination, Examined, OverBox, box_plants, over_box, worst_plants
+from feeddrive.tuning.worst import Examination, Examined, OverBox, _starts, box_plants, over_box, worst_plants
 from independent_box import box_draws
 
 # largest relative difference of Ms of the tuner, by interpolation between lines, and refined at its peak
@@ -108,6 +110,57 @@ def test_a_worst_plant_between_the_corners_is_found(table: Loop) -> None:
     best = max(examination.at(plants, grid), key=lambda plant: plant.used)
     assert found.used >= best.used * (1.0 - 1e-4)
     assert found.used >= corners.used
+
+
+@pytest.fixture(scope="module")
+def head() -> Loop:
+    """A hanging axis under P-PI as it was tuned over its box: several peaks of |S| of several plants are equally high.
+
+    At the corner with all masses at their upper end the resonance is the highest peak, and the fourth of all corners.
+    Half way along the edge to the next one it is the second peak; between both the worst plant lies.
+    """
+    loop = fd.read_machine("machining_center").loop("z")
+    law = CascadePPI(Kv=116.4974, Kp=104_099.28, Tn=0.01038138)
+    filters = (
+        Notch(frequency=235.23328, damping_zero=0.25777221, damping_pole=0.51098878),
+        LowPass2(frequency=2250.0, damping=0.37622318),
+    )
+    return replace(loop, control=Control(law=law, filters=filters))
+
+
+def test_the_worst_plant_is_found_where_another_peak_is_the_highest_one_beside_it(
+    head: Loop, draws: ModuleType
+) -> None:
+    box = Box(0.2, 0.2, 1)
+    found = worst_plants(head.control, [box_plants(box, head, "model", 0.05)], Limits(sensitivity_peak=2.0))[1][0]
+    along = np.linspace(-1.0, 1.0, 81)
+    edge = np.stack([along, np.ones(81), -np.ones(81)], axis=1)
+    independent = draws.Draws(head, box, at=(edge, np.ones(81, int)))
+    peaks = independent.peaks(draws.linear_law(head.control, independent.T, 0.05))
+    # the middle and both ends are lower than what the limit allows, the worst plant is not
+    assert max(peaks[[0, 40, 80]]) < 2.0 < 2.003 < max(peaks)
+    # 1e-4: the peak between the lines of the tuner
+    assert 2.0 * found.used == pytest.approx(max(peaks), rel=1e-4)
+    assert found.corner.late == 1
+    assert found.corner.place == pytest.approx((along[int(np.argmax(peaks))], 1.0, -1.0), abs=0.05)
+
+
+def test_a_search_starts_from_each_peak_at_its_worst_plants(head: Loop) -> None:
+    """A corner or middle of an edge is a start if the same peak is lower at the plants beside it."""
+    plants = box_plants(Box(0.2, 0.2, 1), head, "model", 0.05)
+    examination = Examination(head.control, float(head.sample_time), Limits(sensitivity_peak=2.0), 0.05)
+    places = examination._screen(plants)[1][SENSITIVITY_PEAK.key]
+    corners = plants.screened.corners
+    found = [(corners[places.plant[i]], places.frequency[i], places.used[i]) for i in _starts(plants, places)]
+    assert all(used > 0.9 * max(places.used) for _, _, used in found)
+    assert len({(corner, round(float(np.log(f)), 1)) for corner, f, _ in found}) == len(found)
+    at_resonance = [corner for corner, f, _ in found if 180.0 < f < 220.0]
+    assert Corner((1.0, 1.0, -1.0), 1) in at_resonance
+    # the same peak at the ends of an edge and in its middle
+    track = [max(places.used[(places.plant == corners.index(Corner((u, 1.0, -1.0), 1))) & (places.frequency > 150.0)])
+             for u in (0.0, 1.0)]  # fmt: skip
+    assert track[0] < track[1]
+    assert Corner((0.0, 1.0, -1.0), 1) not in at_resonance
 
 
 def test_a_limit_that_is_used_up_everywhere_hides_no_other(table: Loop) -> None:
