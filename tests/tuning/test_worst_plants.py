@@ -21,12 +21,12 @@ from feeddrive.language.progress import Progress
 from feeddrive.loop.box import Box, Corner
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning import criteria, tune
+from feeddrive.tuning import criteria, tune, worst
 from feeddrive.tuning.candidates import candidates
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import modelled_point
-from feeddrive.tuning.screen import ScreenedPlants
+from feeddrive.tuning.screen import Places, ScreenedPlants
 from feeddrive.tuning.search import Search
 from feeddrive.tuning.tune import Tuned, Tuner, Verdict, assess, tune_control
 from feeddrive.tuning.worst import Examination, Examined, OverBox, _starts, box_plants, over_box, worst_plants
@@ -129,9 +129,10 @@ def head() -> Loop:
 
 
 def test_the_worst_plant_is_found_where_another_peak_is_the_highest_one_beside_it(
-    head: Loop, draws: ModuleType
+    head: Loop, draws: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    box = Box(0.2, 0.2, 1)
+    box, climbed = Box(0.2, 0.2, 1), list[Places]()
+    monkeypatch.setattr(worst, "_starts", lambda plants, places: (climbed.append(places), _starts(plants, places))[1])
     found = worst_plants(head.control, [box_plants(box, head, "model", 0.05)], Limits(sensitivity_peak=2.0))[1][0]
     along = np.linspace(-1.0, 1.0, 81)
     edge = np.stack([along, np.ones(81), -np.ones(81)], axis=1)
@@ -143,24 +144,48 @@ def test_the_worst_plant_is_found_where_another_peak_is_the_highest_one_beside_i
     assert 2.0 * found.used == pytest.approx(max(peaks), rel=1e-4)
     assert found.corner.late == 1
     assert found.corner.place == pytest.approx((along[int(np.argmax(peaks))], 1.0, -1.0), abs=0.05)
+    # both peaks of the middle of the edge are known to the climb, the lower one too
+    middle = box_plants(box, head, "model", 0.05).screened.corners.index(Corner((0.0, 1.0, -1.0), 1))
+    there = climbed[0].frequency[climbed[0].plant == middle]
+    assert np.any((there > 55.0) & (there < 70.0))
+    assert np.any((there > 200.0) & (there < 220.0))
 
 
 def test_a_search_starts_from_each_peak_at_its_worst_plants(head: Loop) -> None:
-    """A corner or middle of an edge is a start if the same peak is lower at the plants beside it."""
+    """The middle of an edge where the same peak is lower at both ends; of each peak the worst corners and draws."""
     plants = box_plants(Box(0.2, 0.2, 1), head, "model", 0.05)
-    examination = Examination(head.control, float(head.sample_time), Limits(sensitivity_peak=2.0), 0.05)
-    places = examination._screen(plants)[1][SENSITIVITY_PEAK.key]
-    corners = plants.screened.corners
-    found = [(corners[places.plant[i]], places.frequency[i], places.used[i]) for i in _starts(plants, places)]
-    assert all(used > 0.9 * max(places.used) for _, _, used in found)
-    assert len({(corner, round(float(np.log(f)), 1)) for corner, f, _ in found}) == len(found)
-    at_resonance = [corner for corner, f, _ in found if 180.0 < f < 220.0]
-    assert Corner((1.0, 1.0, -1.0), 1) in at_resonance
-    # the same peak at the ends of an edge and in its middle
-    track = [max(places.used[(places.plant == corners.index(Corner((u, 1.0, -1.0), 1))) & (places.frequency > 150.0)])
-             for u in (0.0, 1.0)]  # fmt: skip
-    assert track[0] < track[1]
-    assert Corner((0.0, 1.0, -1.0), 1) not in at_resonance
+    known = plants.screened.corners
+    used = dict.fromkeys(known, 0.5)
+    edge, end, other = (Corner((u, 1.0, -1.0), 1) for u in (0.0, 1.0, -1.0))
+    ranked = [corner for corner in plants.corners if corner not in (end, other)][:5]
+    used |= {edge: 0.98, end: 0.97, other: 0.96, **{corner: 0.95 - 0.005 * i for i, corner in enumerate(ranked)}}
+    drawn = [corner for corner in plants.inside if corner not in (*plants.corners, *plants.edges)][:5]
+    used |= {corner: 0.94 - 0.005 * i for i, corner in enumerate(drawn)}
+
+    def starts(second: dict[Corner, float]) -> list[tuple[Corner, float]]:
+        """From a peak at 100 Hz of all plants, of one twice, and one at another frequency of some."""
+        rows = [*((known.index(corner), 100.0, size) for corner, size in used.items()),
+                (known.index(drawn[0]), 100.5, used[drawn[0]] - 1e-4),
+                *((known.index(corner), 300.0, size) for corner, size in second.items())]  # fmt: skip
+        places = Places(*(np.array(column) for column in zip(*rows, strict=True)))
+        return [(known[places.plant[i]], float(places.frequency[i])) for i in _starts(plants, places)]
+
+    found = starts({})
+    assert found[0] == (edge, 100.0)
+    assert {corner for corner, _ in found if corner in plants.corners} >= {end, other, ranked[0]}
+    assert {corner for corner, _ in found if corner in drawn} == set(drawn[:3])
+    assert not {corner for corner, _ in found} & {corner for corner, size in used.items() if size == 0.5}
+    # a fourth corner is a start only if no edge leads from it to a higher plant
+    assert all(corner in (end, other) or corner in ranked for corner, _ in found if corner in plants.corners)
+    # a second peak has starts of its own, however high the first one is there
+    assert (edge, 300.0) in starts({edge: 0.93, end: 0.92})
+    assert (edge, 300.0) not in starts({edge: 0.93, end: 0.935})
+    assert (end, 300.0) in starts({edge: 0.93, end: 0.935})
+    assert (drawn[4], 300.0) in starts({drawn[4]: 0.92})
+    # below a tenth less than the largest nothing is climbed
+    assert not {f for _, f in starts({edge: 0.88})} - {100.0}
+    used[end] = 0.985
+    assert (edge, 100.0) not in starts({})
 
 
 def test_a_limit_that_is_used_up_everywhere_hides_no_other(table: Loop) -> None:

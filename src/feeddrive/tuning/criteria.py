@@ -233,13 +233,13 @@ def bounds_of(i: int, loop: SlopedLoop, limits: Limits) -> Bounds:
 
     For a loop without derivatives, a limit that applies to every line yields only its most critical line.
     """
-    return Bounds([_group(i, loop, limit, limits) for limit in sorted(limits.limits, key=_order)])
-
-
-def _group(i: int, loop: SlopedLoop, limit: Limit, limits: Limits) -> tuple[Figure | None, str, int, Places]:
-    """Return the bounds of one limit at point `i`."""
-    places = limit.declared.places(loop, limit.bound, limits.reading_noise)
-    return limit.figure, limit.figure.key, i, Places.of(places)
+    noise = limits.reading_noise
+    return Bounds(
+        [
+            (limit.figure, limit.figure.key, i, Places.of(limit.declared.places(loop, limit.bound, noise)))
+            for limit in sorted(limits.limits, key=_order)
+        ]
+    )
 
 
 def _order(limit: Limit) -> int:
@@ -423,7 +423,7 @@ class Criteria:
         promising  is asked with the number of a set and what was evaluated of it so far: goal and limits at the points
                    with a goal, then the limits at one plant of a box after the other.  Where it returns False the rest
                    is left out.
-        goal_first  True to ask it before each limit at the points with a goal, too
+        goal_first  True to ask it before the limits at the points with a goal, too
 
         The models of a single-rate controller are computed for all sets at once, so that a set costs a fraction of a
         search step. A multirate controller is evaluated set by set, on a part of the lines and with the nearest images
@@ -472,13 +472,9 @@ class Criteria:
                 if any(encircles(loop) for loop in answers if loop.point.model is None):
                     return None
                 found = part._goals(answers)
-                if not goal_first:
-                    found = part._with_bounds(found, x, answers)
-                    continue
-                for bounds in part._bounds_by_limit(x, answers):
-                    if not promising(found):
-                        return found
-                    found = replace(found, bounds=found.bounds + bounds)
+                if goal_first and not promising(found):
+                    return found
+                found = part._with_bounds(found, x, answers)
                 continue
             for loop in answers:
                 if not promising(found):
@@ -530,12 +526,6 @@ class Criteria:
         groups = [group for i, loop in enumerate(answers) for group in bounds_of(i, loop, self.limits).groups]
         notches = notches_stay_notches(self.control.control, self.control.tunables, x)
         return replace(evaluation, bounds=Bounds(groups) + Bounds.of(notches))
-
-    def _bounds_by_limit(self, x: np.ndarray, answers: list[Answer]) -> Iterator[Bounds]:
-        """Yield the bounds of closed loops: those on notches, then of one limit after the other."""
-        yield Bounds.of(notches_stay_notches(self.control.control, self.control.tunables, x))
-        for limit in sorted(self.limits.limits, key=_order):
-            yield Bounds([_group(i, loop, limit, self.limits) for i, loop in enumerate(answers)])
 
     def _goal(self, loop: Answer) -> Slope:
         """Return the logarithm of the quantity to minimize, its derivatives, and the Gauss-Newton part of its Hessian.
