@@ -24,7 +24,6 @@ import numpy as np
 from box import Draws, closed_eigenvalues, linear_law, spread
 
 import feeddrive as fd
-from feeddrive.blocks.catalogue import find
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.families import Plant
 from feeddrive.figures.of_loops import SENSITIVITY_PEAK
@@ -65,7 +64,7 @@ def of_plant(kind: str, random: np.random.Generator) -> Plant:
     given: dict[str, Any]
     viscous = mass * random.uniform(0.5, 10.0)
     if kind == "rigid":
-        return find(Plant, kind)(mass=mass, viscous=viscous)
+        return fd.blocks.Rigid(mass=mass, viscous=viscous)
     rates = 2.0 * np.pi * np.exp(random.uniform(np.log(15.0), np.log(400.0), 3))
     ratios = 10.0 ** random.uniform(-2.3, -1.3, 3)
     if kind == "modal":
@@ -79,7 +78,7 @@ def of_plant(kind: str, random: np.random.Generator) -> Plant:
             )
             for rate, ratio in zip(rates[: random.integers(1, 3)], ratios, strict=False)
         ]
-        return find(Plant, kind)(mass=mass, viscous=viscous, modes=tuple(modes))
+        return fd.blocks.Modal(mass=mass, viscous=viscous, modes=tuple(modes))
     shares = random.dirichlet(np.full(3 if kind == "three_mass_chain" else 2, 3.0)) * mass
     given = {"mass_motor": shares[0], "mass_load": shares[-1], "viscous_motor": viscous, "viscous_load": 0.1 * viscous}
     # a spring between two masses: of the resonance of both alone
@@ -88,8 +87,9 @@ def of_plant(kind: str, random: np.random.Generator) -> Plant:
     dampers = [2.0 * ratio * m * rate for m, rate, ratio in zip(reduced, rates, ratios, strict=False)]
     given |= {"stiffness": springs[-1], "damping": dampers[-1]}
     if kind == "three_mass_chain":
-        given |= {"mass_screw": shares[1], "coupling_stiffness": springs[0], "coupling_damping": dampers[0]}
-    return find(Plant, kind)(**given)
+        coupling = {"mass_screw": shares[1], "coupling_stiffness": springs[0], "coupling_damping": dampers[0]}
+        return fd.blocks.ThreeMassChain(**given, **coupling)
+    return fd.blocks.TwoMass(**given)
 
 
 def drawn_loop(random: np.random.Generator) -> tuple[str, Loop, Box]:
