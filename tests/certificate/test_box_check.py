@@ -197,6 +197,17 @@ def test_a_plant_that_resonates_between_the_images_is_refused(table: Document) -
         changed["uncertain"][2][name] *= 300.0
     with pytest.raises(box_check.RefusedError, match=r"is not proven|may have a pole|beyond two sample rates"):
         box_check.verified(signed(changed))
+    # the mode lies at about 4.65 rad per sample, of which 1.63 is an image
+    control = box_check.control_of(changed["control"])
+    bodies = box_check.bodies_of(changed, control.readings)
+    cells = box_check.Cells(bodies, control, None)
+    frequencies = box_check.Frequencies(bodies, control, cells.degree, cells.largest, 0)
+    beside, there = (
+        frequencies.at(*(box_check.fixed(Fraction(x)) for x in ends)) for ends in ((0.5, 0.501), (1.63, 1.631))
+    )
+    assert all(tail < ONE for tail in cells.tails(cells.corners, beside))
+    with pytest.raises(box_check.RefusedError, match="an image of the cell may have a pole"):
+        cells.tails(cells.corners, there)
 
 
 @pytest.mark.parametrize("content", [
