@@ -198,7 +198,11 @@ def main() -> None:
         begun = time.process_time()
         found = searched(case)
         seconds += time.process_time() - begun
-        true, place = true_peak(case)
+        try:
+            true, place = true_peak(case)
+        except AssertionError:  # of `box.py`, which compares its sums over modes with solved systems
+            print(f"{case.law}, {case.loop.axis.plant.kind}: left out, two of its poles are nearly equal", flush=True)
+            continue
         kept.append(case)
         if not np.isfinite(found):
             continue
