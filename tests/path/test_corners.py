@@ -12,10 +12,13 @@ from paths import LIMITS, arc, joined_up, lines, random_limits
 from feeddrive.language.kernels.kernel import interpreted
 from feeddrive.path.geometry.joints import Joiner, joined
 from feeddrive.path.geometry.segments import Chain
-from feeddrive.path.motion import Motion, Part, Pieces, direction
+from feeddrive.path.motion import Motion, Part, Pieces, Section, direction, part_of_pieces
 from feeddrive.path.proof import Proof, Prover
 from feeddrive.path.schedule import corner as planner
-from feeddrive.path.schedule.corner import ROWS, Crossings, LineStretch, Node, overlapped, shared, straight, width
+from feeddrive.path.schedule import planner as schedule_planner
+from feeddrive.path.schedule.corner import ROWS, LineStretch, Node, shared, straight, width
+from feeddrive.path.schedule.crossings import Crossings, Lines, overlapped
+from feeddrive.path.schedule.planner import Planner
 from feeddrive.path.schedule.run import Schedule, plan_run
 from feeddrive.path.setpoints import Sampler
 from fresh_draws import Seeded
@@ -149,7 +152,7 @@ def test_a_short_overlap_lasts_as_long_as_the_closed_form(lasts: float):
 def test_phases_that_end_within_1e_12_of_an_overlap_end_together(apart: float, count: int):
     one, two = np.zeros((2, 6)), np.zeros((2, 6))
     one[:, 0], two[:, 0] = (0.5, 0.5), (0.5 + apart, 0.5 - apart)
-    assert shared(one, two, 1.0, np.zeros((4, 6)), np.zeros((4, 6))).common == count
+    assert shared(one, 2, two, 2, 1.0, np.zeros((4, 6)), np.zeros((4, 6))).common == count
 
 
 def test_arcs_overlap_in_corners_as_lines_do():
@@ -294,6 +297,56 @@ def test_zigzags_are_never_slower_than_from_stop_to_stop(sharpest: float):
 @pytest.mark.parametrize(("sharpest", "mean"), [(175.0, 0.84), (45.0, 0.78)])
 def test_zigzags_take_less_time_than_from_stop_to_stop(sharpest: float, mean: float):
     assert np.mean(_zigzags(sharpest, 40)) <= mean
+
+
+def test_runs_of_a_square_overlap_by_half_of_a_side():
+    """The directions share no axis, and the tolerance is as long as a side; 1e-5 of the time of a side."""
+    square = lines(np.array([[0.0, 0, 0], [1e-3, 0, 0], [1e-3, 1e-3, 0], [0.0, 1e-3, 0]]), 0.15)
+    sections = [Section(part_of_pieces(square, k, k + 1), True, 1e-3) for k in range(3)]
+    parts = list(Planner(LIMITS).along(sections, True))
+    both = [float(np.sum(part.motion.duration)) for part in parts if part.entering]
+    assert both == pytest.approx([0.5 * stopped(square) / 3.0] * 2, rel=1e-5)
+
+
+def test_lines_planned_at_once_move_as_one_after_the_other(monkeypatch: pytest.MonkeyPatch):
+    """Zigzags in space with stops and arcs between, in groups of seven and alone behind an arc; to rounding."""
+    monkeypatch.setattr(schedule_planner, "MANY", 7)
+    draw = np.random.default_rng(8)
+    for sharpest, tolerance in ((45.0, None), (175.0, None), (175.0, 0.0), (90.0, 1e-3)):
+        segments, drawn = zigzag(draw, sharpest)
+        tolerances = np.full(30, drawn if tolerance is None else tolerance)
+        tolerances[[5, 6, 20]] = 0.0
+        runs, joint = joined(segments, tolerances)
+        corners = tolerances[: len(joint.stop)][joint.stop == 1]
+        sections = [Section(pieces, True, corner) for pieces, corner in zip(runs, corners.tolist(), strict=True)]
+        bow = Section(arc((0.0, 0.0), 0.01, 0.0, 0.5 * np.pi, 0.15), True, drawn)
+        sections[12:12] = sections[14:14] = [bow]
+        alone = Crossings(LIMITS)
+        expected = list[Part]()
+        for section in sections:
+            motion = plan_run(section.pieces, LIMITS)
+            expected += alone.add(Part(section.pieces, motion, True), section.tolerance)
+        expected += alone.end()
+        planned, lines_alone = Crossings(LIMITS), Planner(LIMITS)
+        found = list[Part]()
+        for scheduled in lines_alone.scheduled(sections):
+            if isinstance(scheduled, Lines):
+                found += planned.add_lines(scheduled)
+            else:
+                found += planned.add(scheduled.part, scheduled.tolerance)
+        found += planned.end()
+        assert len(found) == len(expected)
+        for one, other in zip(found, expected, strict=True):
+            assert one.ends == other.ends
+            both = [(one.pieces, other.pieces), (one.motion, other.motion)]
+            assert (one.entering is None) == (other.entering is None)
+            if one.entering is not None and other.entering is not None:
+                assert one.entering.tolerance == other.entering.tolerance
+                both += [(one.entering.pieces, other.entering.pieces), (one.entering.motion, other.entering.motion)]
+            for left, right in both:
+                for column, wanted in zip(left, right, strict=True):
+                    # sums of durations in another order
+                    np.testing.assert_allclose(column, wanted, rtol=1e-9, atol=1e-9 * max(1e-30, np.abs(wanted).max()))
 
 
 def _polyline(draw: np.random.Generator) -> Pieces:

@@ -22,7 +22,7 @@ from feeddrive.path.program.moves import Move
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof import Prover
 from feeddrive.path.schedule import lift
-from feeddrive.path.schedule.corner import Crossings
+from feeddrive.path.schedule.crossings import Crossings
 from feeddrive.path.schedule.run import plan_run
 from feeddrive.path.setpoints import planned
 from fresh_draws import Seeded

@@ -18,37 +18,15 @@ v phi(0):
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple, TypeAlias
-
-import numpy as np
+from typing import NamedTuple
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Records, by_field, records, rows_for
-from feeddrive.path.motion import (
-    LINE,
-    Derivatives,
-    Entering,
-    Interval,
-    Limits,
-    Motion,
-    Part,
-    Pieces,
-    Section,
-    cubic,
-    derivatives,
-    direction,
-    from_rows,
-    moved,
-    part_of_pieces,
-    piece_of,
-    rows,
-    way,
-)
+from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records, Records2, records
+from feeddrive.path.motion import Interval, Limits, Motion, Pieces, cubic, line_way, moved, way
 from feeddrive.path.schedule.ramp import (
     Ramp,
     Slopes,
     acceleration_before,
-    bounds,
     boxcars,
     cube_root,
     duration,
@@ -302,7 +280,9 @@ class Shared(NamedTuple):
 @kernel
 def shared(
     one: Records[Interval],
+    used0: int,
     two: Records[Interval],
+    used1: int,
     lasts: float,
     last: Records[Interval],
     first: Records[Interval],
@@ -310,11 +290,12 @@ def shared(
     """Split the last `lasts` seconds of one motion and the first `lasts` seconds of the other into common time
     intervals, written into `last` and `first`.
 
-    Ends within 1e-12 of the overlap time are treated as simultaneous.
+    Of the motions the first `used0` and `used1` intervals count.  Ends within 1e-12 of the overlap time are treated as
+    simultaneous.
     """
     # ends that differ by rounding only would leave intervals of almost no duration
     near = _SLIVER * lasts
-    m = len(one)
+    m = used0
     left = lasts
     while m > 0 and left > near:
         m = m - 1
@@ -329,7 +310,7 @@ def shared(
     left1 = two[0].duration
     count = 0
     rest = Interval(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    while m < len(one) and n < len(two):
+    while m < used0 and n < used1:
         h = min(left0, left1)
         if h > near:
             last[count] = moved(one[m], one[m].duration - left0)._replace(duration=h)
@@ -339,32 +320,13 @@ def shared(
         left1 = left1 - h
         if left0 <= near:
             m = m + 1
-            left0 = one[m].duration if m < len(one) else 0.0
+            left0 = one[m].duration if m < used0 else 0.0
         if left1 <= near:
             n = n + 1
-            left1 = two[n].duration if n < len(two) else 0.0
-    if n < len(two):
+            left1 = two[n].duration if n < used1 else 0.0
+    if n < used1:
         rest = moved(two[n], two[n].duration - left1)._replace(duration=left1)
     return Shared(count, begins, alone, n, rest)
-
-
-def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[list[Part], Part]:
-    """Overlap two runs by `lasts` s: return the parts until the first run ends, and the rest of the second run."""
-    ends, begins = rows(one.motion), rows(two.motion)
-    last, first = (rows_for(Interval, len(ends) + len(begins)) for _ in range(2))
-    count, m, alone, n, rest = shared(ends, begins, lasts, last, first)
-    entering = Entering(part_of_pieces(two.pieces, 0, 1), from_rows(first[:count], 0), tolerance)
-    k = len(one.pieces.length) - 1
-    leaves = [Part(part_of_pieces(one.pieces, k, k + 1), from_rows(last[:count], 0), True, entering, factor=one.factor)]
-    before = Motion._make([array[: m + int(alone > 0.0)].copy() for array in one.motion])
-    if len(before.duration):
-        before.duration[-1] = alone if alone > 0.0 else before.duration[-1]
-        leaves.insert(0, one._replace(motion=before, ends=False))
-    behind = Motion._make([array[n:].copy() for array in two.motion])
-    if len(behind.duration):
-        for column, value in zip([behind.duration, *behind[2:]], rest, strict=True):
-            column[0] = value
-    return leaves, two._replace(motion=behind)
 
 
 class Node(NamedTuple):
@@ -674,11 +636,34 @@ class Before(NamedTuple):
     tolerance: float
 
 
-_NODE = Node(0.0)
+class Meeting(NamedTuple):
+    """How two stretches meet in a corner.
+
+    first, second  numbers of the time intervals of both motions with a bump; 0 without
+    node           the node of the bump
+    lasts          overlap of both motions, s: as they were if there is no bump
+    """
+
+    first: int
+    second: int
+    node: Node
+    lasts: float
+
+
+_REST = Node(0.0)
+SHORTEST = 1e-4  # s of overlap; less does not justify separate parts
+LONGEST = 1.0 - 1e-6  # of the time that two runs may overlap: some of each stays apart
 
 
 @kernel
-def bump(
+def _stops(end: End, begin: End, longest: float, tolerance: float, limits: Records[Limits]) -> float:
+    """Return the longest `overlap` of two stops, or 0 if it is too short."""
+    lasts = overlap(end, begin, longest, tolerance, limits)
+    return lasts if lasts >= SHORTEST else 0.0
+
+
+@kernel
+def meet(
     one: LineStretch,
     end: End,
     two: LineStretch,
@@ -687,16 +672,16 @@ def bump(
     half: bool,
     tolerance: float,
     limits: Records[Limits],
-    quickest: float,
+    stops: float,
+    longest: float,
     rows0: Records[Interval],
     rows1: Records[Interval],
-) -> tuple[int, int, Node]:
-    """Find the fastest bump between two stretches; write both motions into `rows0` and `rows1`, and return the numbers
-    of their time intervals and the node in the corner.
+) -> Meeting:
+    """Find the fastest way through the corner between two stretches that take `stops` s from stop to stop: an overlap
+    of the stops by up to `longest` s, or a bump, whose motions are written into `rows0` and `rows1`.
 
-    `end` and `begin` have the directions and bounds of the stretches.  `before` overlaps with the first stretch.  Both
-    numbers are 0 if no bump brings the total time of both stretches below `quickest` s; with `half`, half of the second
-    stretch remains free for the following corner.
+    `end` and `begin` have the motions, directions and bounds of the stretches.  `before` overlaps with the first
+    stretch.  With `half`, half of the second stretch remains free for the following corner.
 
     With d = tolerance/|t1 - t0| and w = 6 d/v the jerk of the bump is v |t1 - t0|/w².  Of this jerk the ramps cancel
     less than 1.2 j, where j is the jerk limit, so v³ is at most 2.2 · 36 J d², with J the least j/|t1 - t0| of the
@@ -709,15 +694,19 @@ def bump(
         gap = gap + g * g
         if g * jerk > limits[i].jerk:
             jerk = limits[i].jerk / g
-    best_node = _NODE
+    best_node = _REST
     if gap <= 1e-18:
-        return 0, 0, best_node
+        return Meeting(0, 0, best_node, _stops(end, begin, longest, tolerance, limits))
     near = tolerance * BELOW / sqrt(gap)
     fastest = min(min(one.fastest, two.fastest), cube_root(79.2 * jerk * near * near))
     feed = max(end.feed, begin.feed)
     before_feed = max(before.end.feed, end.feed)
-    best = quickest
+    # the overlap is found only where it might be quicker than a bump
+    lasts = -1.0
+    best = stops - max(longest, 0.0)
     ours = 0.0
+    stop = end
+    start = begin
     reached = 0.0
     for shape in range(6):
         # ramps and bump add up on some axes and cancel on others: with less jerk for the ramps the bump may be faster
@@ -750,6 +739,9 @@ def bump(
             time0 = _duration(one, peak0)
             time1 = _duration(two, peak1)
             time = time0 + time1 - both
+            if lasts < 0.0 and ours == 0.0 and time0 > 0.0 and time1 > 0.0 and time >= best:
+                lasts = _stops(stop, start, longest, tolerance, limits)
+                best = stops - lasts
             slower = time0 > 0.0 and time1 > 0.0 and time >= best
             if time0 > 0.0 and time1 > 0.0 and not slower:
                 n = _rows(one, peak0, rows0)
@@ -795,287 +787,208 @@ def bump(
                     break
                 v = max(v, 0.5 * (low + high)) if v <= low else v
     if ours <= 0.0:
-        return 0, 0, best_node
-    return straight(one._replace(tail=best_node), rows0), straight(two._replace(head=best_node), rows1), best_node
+        if lasts < 0.0:
+            lasts = _stops(stop, start, longest, tolerance, limits)
+        return Meeting(0, 0, best_node, lasts)
+    count0 = straight(one._replace(tail=best_node), rows0)
+    count1 = straight(two._replace(head=best_node), rows1)
+    return Meeting(count0, count1, best_node, 2.0 * best_node.wide + best_node.short)
 
 
-_SLOWED = (0.93, 0.85)  # shares of the jerk
-_SHORTEST = 1e-4  # s of overlap; less does not justify separate parts
-
-
-class _Stretch(NamedTuple):
-    """The part of a motion that may be replanned: the time intervals from `first` up to but excluding `last`, on one
-    line between two nodes.
-    """
-
-    first: int
-    last: int
-    line: LineStretch
-
-
-class _Run(NamedTuple):
-    """A part of the motion whose end may still change, and its overlap with the previous part.
-
-    whole  stretch of a run along one line, whose head and tail are planned together; None for other runs
-    seen   motion of such a run at its corners
-    """
-
-    part: Part
-    tolerance: float  # of the corner in which it ends, m
-    whole: _Stretch | None
-    seen: End | None = None
-    lasts: float = 0.0  # s
-    corner: float = 0.0  # tolerance of that corner
-
-
-Line: TypeAlias = _Run
-"""A run along a single line."""
-
-
-class Crossings:
-    """The planner of corners, which starts each run before the previous one has ended as far as limits and tolerances
-    allow.
-
-    limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
-    """
-
-    def __init__(self, limits: np.ndarray) -> None:
-        self._limits = np.ascontiguousarray(limits, float)
-        self._fixed: Part | None = None  # its end may overlap with the next
-        self._open: _Run | None = None
-
-    def add(self, part: Part, tolerance: float) -> list[Part]:
-        """Add a part and return those that are now final; `tolerance` is the tolerance of the corner at the end of the
-        part, m, or 0 for a stop there.
-        """
-        begins = part.motion.x[0] == 0.0 and part.motion.speed[0] == 0.0
-        run = self.line(Section(part.pieces, part.ends, tolerance)) if begins else None
-        return self._next(run or _Run(part, tolerance, None))
-
-    def add_line(self, line: Line) -> list[Part]:
-        """Add a run along a single line and return the parts that are now final."""
-        return self._next(line)
-
-    def _next(self, two: _Run) -> list[Part]:
-        one, self._open = self._open, two
-        if one is None:
-            return []
-        if one.part.ends and one.tolerance > 0.0:
-            one, self._open = self._met(one, two)
-        return self._fix(one)
-
-    def end(self) -> list[Part]:
-        """Return the remaining parts, after which the motion is at rest."""
-        one, self._open = self._open, None
-        leaves = self._fix(one) if one else []
-        last, self._fixed = self._fixed, None
-        return [*leaves, last] if last else leaves
-
-    def line(self, section: Section) -> Line | None:
-        """Return the run of a section that is a single line, planned in closed form, or None for any other section.
-
-        It depends on no other run.
-        """
-        pieces = section.pieces
-        if not section.ends or len(pieces.length) != 1 or pieces.kind[0] != LINE:
-            return None
-        length, rest = float(pieces.length[0]), Node(0.0)
-        line, motion_rows = self._stretch(pieces, 0, length, rest, rest), rows_for(Interval, ROWS)
-        count = straight(line, motion_rows)
-        if not count:
-            return None
-        motion = from_rows(motion_rows[:count], 0)
-        seen = End(motion_rows, count, _time(motion), length, float(pieces.feed[0]), *_along_line(pieces, 0))
-        return _Run(Part(pieces, motion, True), section.tolerance, _Stretch(0, count, line), seen)
-
-    def _fix(self, run: _Run) -> list[Part]:
-        """Make the motion of a run final; return the parts that are now final."""
-        before, self._fixed = self._fixed, run.part
-        if before is None:
-            return []
-        if run.lasts == 0.0:
-            return [before]
-        leaves, self._fixed = overlapped(before, run.part, run.lasts, run.corner)
-        return leaves
-
-    def _stopped(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
-        """Return both runs with unchanged motions and their longest overlap."""
-        end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
-        # half of a run in a single part is reserved for the corner at its other end
-        share = 0.5 if two.part.ends else 1.0
-        longest = min(end.lasts, begin.lasts, share * _time(two.part.motion), _time(one.part.motion) - one.lasts) * (
-            1.0 - 1e-6
-        )
-        lasts = overlap(end, begin, longest, one.tolerance, self._limits)
-        return one, two._replace(lasts=lasts if lasts >= _SHORTEST else 0.0, corner=one.tolerance)
-
-    def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
-        """Plan the corner between two runs; return both, the first one in its final form."""
-        best = self._stopped(one, two)
-        tail = one.whole or self._tail(one.part)
-        head = two.whole or self._head(two.part)
-        if tail is not None and head is not None:
-            end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
-            _, overlapping = best
-            return self._bump(one, end, tail, two, begin, head, overlapping.lasts) or best
-        # next to an arc a slower ramp on the line leaves room for the derivatives that curvature adds on its axes
-        for share in _SLOWED if (tail is None) != (head is None) else ():
-            before, after = self._slowed(one, tail, True, share), self._slowed(two, head, False, share)
-            if before and after:
-                stopped = self._stopped(before, after)
-                if _together(stopped) < _together(best) and self._holds(before):
-                    best = stopped
-        return best
-
-    def _slowed(self, run: _Run, stretch: _Stretch | None, tail: bool, share: float) -> _Run | None:
-        """Return the run with a slower ramp on the line at the corner, which is its `tail` or its head: its jerk limit
-        is multiplied by `share`, its snap limit by `share`².
-
-        A run without such a stretch is returned unchanged; the result is None if no motion is possible.
-        """
-        if stretch is None:
-            return run
-        line, motion_rows = stretch.line, rows_for(Interval, ROWS)
-        node = (line.tail if tail else line.head)._replace(jerk_share=share, snap_share=share * share)
-        line = line._replace(tail=node) if tail else line._replace(head=node)
-        count = straight(line, motion_rows)
-        if not count:
-            return None
-        k = len(run.part.pieces.length) - 1 if tail else 0
-        motion = _spliced(stretch, run.part.motion, k, motion_rows[:count])
-        run = run._replace(part=run.part._replace(motion=motion))
-        if not run.whole:
-            return run
-        return run._replace(whole=_Stretch(0, count, line), seen=_made(run.seen, motion_rows[:count], motion))
-
-    def _holds(self, run: _Run) -> bool:
-        """Return True if a replanned run still satisfies limits and tolerance in its overlap with the previous one."""
-        if run.lasts == 0.0 or self._fixed is None:
-            return True
-        end, begin = _end(self._fixed, True), run.seen or _end(run.part, False)
-        share, away = together(end, begin, run.lasts, self._limits, max(end.feed, begin.feed))
-        return share <= 1.0 + 1e-10 and away <= run.corner
-
-    def _bump(
-        self, one: _Run, end: End, tail: _Stretch, two: _Run, begin: End, head: _Stretch, lasts: float
-    ) -> tuple[_Run, _Run] | None:
-        """Return both runs with a bump if that is faster than an overlap of `lasts` seconds, or None otherwise."""
-        motion0, motion1 = one.part.motion, two.part.motion
-        quickest = _time(motion0, tail) + _time(motion1, head) - lasts
-        # a run along one line is planned anew as a whole, so that its overlap with the run before must be checked again
-        before = Before(end, 0.0, one.corner)
-        if one.whole is not None and one.lasts > 0.0 and self._fixed is not None:
-            before = Before(_end(self._fixed, True), one.lasts, one.corner)
-        rows0, rows1 = rows_for(Interval, ROWS), rows_for(Interval, ROWS)
-        count0, count1, node = bump(
-            tail.line,
-            end,
-            head.line,
-            begin,
-            before,
-            two.whole is not None,
-            one.tolerance,
-            self._limits,
-            quickest,
-            rows0,
-            rows1,
-        )
-        if not count0:
-            return None
-        n = len(one.part.pieces.length) - 1
-        rows0, rows1 = rows0[:count0], rows1[:count1]
-        made0, made1 = _spliced(tail, motion0, n, rows0), _spliced(head, motion1, 0, rows1)
-        run = two._replace(
-            part=two.part._replace(motion=made1),
-            whole=_Stretch(0, count1, head.line._replace(head=node)) if two.whole else None,
-            seen=_made(two.seen, rows1, made1),
-            lasts=2.0 * node.wide + node.short,
-            corner=one.tolerance,
-        )
-        return one._replace(part=one.part._replace(motion=made0), seen=_made(one.seen, rows0, made0)), run
-
-    def _tail(self, part: Part) -> _Stretch | None:
-        """Return the stretch from the first node on the last piece to the stop."""
-        motion, last = part.motion, len(part.pieces.length) - 1
-        nodes = np.flatnonzero((motion.piece == last) & (motion.acceleration == 0.0) & (motion.jerk == 0.0))
-        if not len(nodes) or part.pieces.kind[last] != LINE:
-            return None
-        m = int(nodes[0])
-        length = float(part.pieces.length[last]) - float(motion.x[m])
-        line = self._stretch(part.pieces, last, length, Node(float(motion.speed[m])), Node(0.0))
-        return _Stretch(m, len(motion.piece), line)
-
-    def _head(self, part: Part) -> _Stretch | None:
-        """Return the stretch from rest to the last node on the first piece."""
-        motion = part.motion
-        nodes = np.flatnonzero((motion.piece == 0) & (motion.acceleration == 0.0) & (motion.jerk == 0.0))
-        m = int(nodes[-1]) if len(nodes) else 0
-        if not m or part.pieces.kind[0] != LINE:
-            return None
-        line = self._stretch(part.pieces, 0, float(motion.x[m]), Node(0.0), Node(float(motion.speed[m])))
-        return _Stretch(0, m, line)
-
-    def _stretch(self, pieces: Pieces, k: int, length: float, head: Node, tail: Node) -> LineStretch:
-        """Return a stretch of a line from node to node, as for `straight`."""
+@kernel
+def line_stretch(
+    along: Floats, feed: float, length: float, limits: Records[Limits], head: Node, tail: Node
+) -> LineStretch:
+    """Return a stretch of a line from node to node; `along` is the direction of the line, `feed` in m/s."""
+    fastest = 1e300
+    a = 1e300
+    j = 1e300
+    s = 1e300
+    norm = 0.0
+    for i in range(len(limits)):
         # an axis that does not move sets no limit, and must not divide by zero
-        slope = np.maximum(np.abs(direction(pieces, k)), 1e-200)
-        fastest, a, j, s = (np.min(self._limits / slope[:, None], axis=0) * (1.0 - 1e-12)).tolist()
-        fastest = min(fastest, float(pieces.feed[k]) / float(np.sqrt(slope @ slope)))
-        return LineStretch(length, fastest, a, j, s, head, tail)
+        slope = max(abs(along[i]), 1e-200)
+        limit = limits[i]
+        fastest = min(fastest, limit.velocity / slope)
+        a = min(a, limit.acceleration / slope)
+        j = min(j, limit.jerk / slope)
+        s = min(s, limit.snap / slope)
+        norm = norm + slope * slope
+    below = 1.0 - 1e-12
+    fastest = min(fastest * below, feed / sqrt(norm))
+    return LineStretch(length, fastest, a * below, j * below, s * below, head, tail)
 
 
-def _together(both: tuple[_Run, _Run]) -> float:
-    """Return the total duration of both runs, s."""
-    one, two = both
-    return _time(one.part.motion) + _time(two.part.motion) - two.lasts
+class LineRuns(NamedTuple):
+    """Consecutive runs along a single line each, from rest to rest, as arrays over the n runs.
 
-
-def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
-    return float((motion.duration[stretch.first : stretch.last] if stretch else motion.duration).sum())
-
-
-def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Motion:
-    """Replace a stretch on piece k of a motion by rows in the form of `straight`."""
-    if stretch.first == 0 and stretch.last == len(motion.duration):
-        return from_rows(new, k, float(motion.x[0]))
-    parts = zip(motion, from_rows(new, k, float(motion.x[stretch.first])), strict=True)
-    return Motion._make([np.concatenate([old[: stretch.first], middle, old[stretch.last :]]) for old, middle in parts])
-
-
-def _made(seen: End | None, new: np.ndarray, motion: Motion) -> End | None:
-    """Return the end of a run along a line with its motion replaced, or None if there is no such end.
-
-    `new` has the time intervals of `motion`.
+    line       the whole run as a stretch
+    feed       m/s
+    tolerance  of the corner in which it ends, m; 0: a stop
+    along      direction, shape (n, N)
+    most       bounds of each axis, shape (n, N)
+    motion     time intervals, shape (n, ROWS), of which the first `used` count
+    lasts      overlap with the previous run, s
     """
-    return seen._replace(motion=new, used=len(new), lasts=_time(motion)) if seen else None
+
+    line: Records[LineStretch]
+    feed: Floats
+    tolerance: Floats
+    along: Floats2
+    most: Records2[Slopes]
+    motion: Records2[Interval]
+    used: Ints
+    lasts: Floats
 
 
-def _end(part: Part, last: bool) -> End:
-    """Return the end of a part at a corner: on its last piece if `last`, otherwise on its first."""
-    pieces, on = part.pieces, part.motion
-    k = len(pieces.length) - 1 if last else 0
-    if k or not last:
-        inside = on.piece == k
-        if not last:
-            m = int(np.flatnonzero(inside)[-1])  # it may continue on the next piece
-            there = on.x[m] + way(*(float(column[m]) for column in (*on[3:], on.duration)))
-            inside[m] = inside.all() and there <= pieces.length[k]
-        on = Motion._make([column[inside] for column in on])
-    length, feed = float(pieces.length[k]), float(pieces.feed[k])
-    if pieces.kind[k] == LINE:
-        return End(rows(on), len(on.duration), _time(on), length, feed, *_along_line(pieces, k))
-    piece = piece_of(pieces, k)
-    axes = len(piece.shape)
-    most, r = rows_for(Slopes, axes), rows_for(Derivatives, axes)
-    bounds(piece, most)
-    derivatives(*piece, length if last else 0.0, r)
-    along = np.array(by_field(Derivatives, r).first)
-    return End(rows(on), len(on.duration), _time(on), length, feed, along, most)
+@kernel
+def lasting(motion: Records[Interval], used: int) -> float:
+    """Return the duration of the first `used` time intervals, s."""
+    total = 0.0
+    for m in range(used):
+        total = total + motion[m].duration
+    return total
 
 
-def _along_line(pieces: Pieces, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return direction and bounds of a line."""
-    along = direction(pieces, k)
-    most = rows_for(Slopes, len(along))
-    np.abs(along, out=np.asarray(by_field(Slopes, most).M1))
-    return along, most
+@kernel
+def stop_lines(pieces: Pieces, limits: Records[Limits], first: int, runs: LineRuns) -> int:
+    """Plan lines from stop to stop, as runs from number `first` on; return how many have a motion: up to the first one
+    that has none.
+    """
+    rest = Node(0.0)
+    for k in range(len(pieces.length)):
+        to = first + k
+        length = pieces.length[k]
+        feed = pieces.feed[k]
+        for i in range(len(limits)):
+            slope = line_way(pieces.shape[k], i) / length
+            runs.along[to, i] = slope
+            runs.most[to, i] = Slopes(abs(slope), 0.0, 0.0, 0.0)
+        line = line_stretch(runs.along[to], feed, length, limits, rest, rest)
+        runs.line[to] = line
+        runs.feed[to] = feed
+        runs.lasts[to] = 0.0
+        runs.used[to] = straight(line, runs.motion[to])
+        if runs.used[to] == 0:
+            return k
+    return len(pieces.length)
+
+
+class Leaves(NamedTuple):
+    """The motions of runs that are final, one after the other.
+
+    motion    all their time intervals
+    alone     where the motion of each run before its overlap with the next run begins, shape (n,)
+    common    where its part in this overlap begins
+    entering  where the part of the next run in this overlap begins, and ends where that of the next run begins
+    """
+
+    motion: Motion
+    alone: Ints
+    common: Ints
+    entering: Ints
+
+
+class Both(NamedTuple):
+    """Room for the time intervals of two runs at a corner, 2 ROWS each."""
+
+    first: Records[Interval]
+    second: Records[Interval]
+
+
+@kernel
+def _copied(motion: Records[Interval], used: int, to: Records[Interval]) -> int:
+    """Copy the first `used` time intervals; return their number."""
+    for m in range(used):
+        to[m] = motion[m]
+    return used
+
+
+@kernel
+def _put(interval: Interval, count: int, motion: Motion) -> int:
+    """Append a time interval on the only piece of a path."""
+    motion.duration[count] = interval.duration
+    motion.piece[count] = 0
+    motion.x[count] = interval.x
+    motion.speed[count] = interval.speed
+    motion.acceleration[count] = interval.acceleration
+    motion.jerk[count] = interval.jerk
+    motion.snap[count] = interval.snap
+    return count + 1
+
+
+@kernel
+def _leave(runs: LineRuns, k: int, work: Both, count: int, out: Leaves) -> int:
+    """Append the final motion of run k, and drop what run k + 1 has of it; return the number of time intervals."""
+    out.alone[k] = count
+    two = k + 1
+    if runs.lasts[two] == 0.0:
+        for m in range(runs.used[k]):
+            count = _put(runs.motion[k, m], count, out.motion)
+        out.common[k] = count
+        out.entering[k] = count
+        return count
+    both = shared(
+        runs.motion[k], runs.used[k], runs.motion[two], runs.used[two], runs.lasts[two], work.first, work.second
+    )
+    for m in range(both.begins):
+        count = _put(runs.motion[k, m], count, out.motion)
+    if both.alone > 0.0:
+        count = _put(runs.motion[k, both.begins]._replace(duration=both.alone), count, out.motion)
+    out.common[k] = count
+    for m in range(both.common):
+        count = _put(work.first[m], count, out.motion)
+    out.entering[k] = count
+    for m in range(both.common):
+        count = _put(work.second[m], count, out.motion)
+    left = runs.used[two] - both.ends
+    behind = runs.motion[two]
+    for m in range(left):
+        behind[m] = behind[both.ends + m]
+    if left > 0:
+        behind[0] = both.rest
+    runs.used[two] = left
+    return count
+
+
+@kernel
+def meet_lines(runs: LineRuns, limits: Records[Limits], work: Both, out: Leaves) -> int:
+    """Plan the corners behind all runs but the first and the last; write all but the last two runs, which are final
+    then, and return the number of their time intervals.
+
+    The corner between the first two is planned already.
+    """
+    count = 0
+    motion, used, line, feed, along, most = runs.motion, runs.used, runs.line, runs.feed, runs.along, runs.most
+    for two in range(2, len(used)):
+        one = two - 1
+        if runs.tolerance[one] > 0.0:
+            zero = one - 1
+            time0 = lasting(motion[zero], used[zero])
+            time1 = lasting(motion[one], used[one])
+            time2 = lasting(motion[two], used[two])
+            ended = End(motion[zero], used[zero], time0, line[zero].length, feed[zero], along[zero], most[zero])
+            end = End(motion[one], used[one], time1, line[one].length, feed[one], along[one], most[one])
+            begin = End(motion[two], used[two], time2, line[two].length, feed[two], along[two], most[two])
+            found = meet(
+                line[one],
+                end,
+                line[two],
+                begin,
+                Before(ended, runs.lasts[one], runs.tolerance[zero]),
+                True,
+                runs.tolerance[one],
+                limits,
+                time1 + time2,
+                # half of a run is reserved for the corner at its other end
+                min(0.5 * time2, time1 - runs.lasts[one]) * LONGEST,
+                work.first,
+                work.second,
+            )
+            runs.lasts[two] = found.lasts
+            if found.first > 0:
+                used[one] = _copied(work.first, found.first, motion[one])
+                used[two] = _copied(work.second, found.second, motion[two])
+                line[two] = line[two]._replace(head=found.node)
+        count = _leave(runs, one - 1, work, count, out)
+    return count
