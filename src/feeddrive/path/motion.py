@@ -278,6 +278,12 @@ class Motion(NamedTuple):
     snap: Floats
 
 
+def slowed(motion: Motion, factor: float) -> Motion:
+    """Return a motion along the same path that takes `factor` times as long."""
+    duration, piece, x, v, a, j, s = motion
+    return Motion(duration * factor, piece, x, v / factor, a / factor**2, j / factor**3, s / factor**4)
+
+
 class Interval(NamedTuple):
     """A time interval of constant u'''' on one known piece: its duration (s), and x .. u'''' at its start."""
 

@@ -22,7 +22,19 @@ from typing import NamedTuple
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records, Records2, records
-from feeddrive.path.motion import Interval, Limits, Motion, Pieces, cubic, line_way, moved, way
+from feeddrive.path.motion import (
+    LINE,
+    Derivatives,
+    Interval,
+    Limits,
+    Motion,
+    Pieces,
+    cubic,
+    derivatives,
+    line_way,
+    moved,
+    way,
+)
 from feeddrive.path.schedule.ramp import (
     Ramp,
     Slopes,
@@ -36,6 +48,9 @@ from feeddrive.path.schedule.ramp import (
 )
 
 _HALVINGS = 24  # largest number of halvings of the overlap
+_TOLERANT = 0.02  # relative accuracy of the longest overlap within the tolerance
+_SHORTER = 8  # number of overlaps tried with slower motions, in equal steps
+_CLOSER = 3  # number of times that these steps are halved
 _SLIVER = 1e-12  # of an overlap: two phases that end so close together end simultaneously
 BELOW = 1.0 - 1e-10  # of a tolerance, for rounding
 
@@ -56,6 +71,22 @@ class Ranges(NamedTuple):
     snap: Range
 
 
+class Curve(NamedTuple):
+    """Ranges of u' .. u''' and of what curvature multiplies: u'², u' u'', u'³, 3 u''² + 4 u' u''', 6 u'² u'', u'⁴."""
+
+    speed: Range
+    acceleration: Range
+    jerk: Range
+    square: Range
+    power: Range
+    cube: Range
+    mixed: Range
+    cubed: Range
+    fourth: Range
+
+
+_ZERO = Range(0.0, 0.0)
+_STILL = Curve(_ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO)
 _NOTHING = Ranges(Range(0.0, 0.0), Range(0.0, 0.0), Range(0.0, 0.0), Range(0.0, 0.0))
 
 
@@ -68,6 +99,7 @@ class End(NamedTuple):
     feed       m/s
     direction  r' at the corner, shape (N,)
     most       bounds of each axis on the piece
+    kind, shape  of the piece, as in `Pieces`; a line needs no shape here
     """
 
     motion: Records[Interval]
@@ -77,41 +109,84 @@ class End(NamedTuple):
     feed: float
     direction: Floats
     most: Records[Slopes]
+    kind: int
+    shape: Floats2
 
 
 @kernel
-def _widened(rest: Range, low: float, high: float, down: float, up: float, more: float) -> Range:
-    """Add [low, high] · [-down, up] ± more to an interval."""
-    return Range(
-        rest.low + min(min(-low * down, -high * down), min(low * up, high * up)) - more,
-        rest.high + max(max(-low * down, -high * down), max(low * up, high * up)) + more,
+def _sum(one: Range, two: Range) -> Range:
+    """Return the interval of the sums of two numbers."""
+    return Range(one.low + two.low, one.high + two.high)
+
+
+@kernel
+def _product(one: Range, two: Range) -> Range:
+    """Return the interval of the products of two numbers."""
+    a = one.low * two.low
+    b = one.low * two.high
+    c = one.high * two.low
+    d = one.high * two.high
+    return Range(min(min(a, b), min(c, d)), max(max(a, b), max(c, d)))
+
+
+@kernel
+def _times(factor: float, rest: Range) -> Range:
+    """Return the interval of the multiples of a number."""
+    return Range(min(factor * rest.low, factor * rest.high), max(factor * rest.low, factor * rest.high))
+
+
+@kernel
+def _near(value: float, change: float, most: float) -> Range:
+    """Return the interval of a number that is at most `most` in size and differs from `value` by at most `change`."""
+    return Range(max(value - change, -most), min(value + change, most))
+
+
+@kernel
+def _along_curve(now: Interval, h: float) -> Curve:
+    """Return the ranges of a motion in h seconds that curvature multiplies."""
+    _, _, v, a, j, s = now
+    v1 = v + h * a / 3.0
+    v2 = v + h * (2.0 * a + 0.5 * h * j) / 3.0
+    v3 = cubic(v, a, j, s, h)
+    a1 = a + 0.5 * h * j
+    a2 = a + h * (j + 0.5 * h * s)
+    j1 = j + h * s
+    speed = Range(max(min(min(v, v1), min(v2, v3)), 0.0), max(max(v, v1), max(v2, v3)))
+    acceleration = Range(min(min(a, a1), a2), max(max(a, a1), a2))
+    jerk = Range(min(j, j1), max(j, j1))
+    square = Range(speed.low * speed.low, speed.high * speed.high)
+    largest = max(abs(acceleration.low), abs(acceleration.high))
+    return Curve(
+        speed,
+        acceleration,
+        jerk,
+        square,
+        _product(speed, acceleration),
+        _product(speed, square),
+        _sum(Range(0.0, 3.0 * largest * largest), _times(4.0, _product(speed, jerk))),
+        _times(6.0, _product(square, acceleration)),
+        _product(square, square),
     )
 
 
 @kernel
-def _bent(most: Slopes, c: float, now: Interval, h: float, away: float, rest: Ranges) -> Ranges:
-    """Add to `rest` the ranges by which the derivatives of an axis may differ from those of motion along the tangent,
-    due to curvature.
+def _bent(most: Slopes, r: Derivatives, away: float, curve: Curve, s: float, rest: Ranges) -> Ranges:
+    """Add to `rest` the ranges by which the derivatives of an axis may differ from those of motion along the tangent in
+    the middle of an interval of the path, due to curvature.
 
-    c is r' of the axis at the corner, and `away` is a bound on the distance to the corner; `now` is the motion at the
-    start of h seconds.
+    r are the derivatives of the axis in the middle, `away` is the way from there to either end, and s the snap of u.
     """
-    _, _, v, a, j, s = now
-    # r' - c
-    up = min(most.M2 * away, max(most.M1 - c, 0.0))
-    down = min(most.M2 * away, max(most.M1 + c, 0.0))
-    j1 = j + h * s
-    a1 = a + 0.5 * h * j
-    a2 = a + h * (j + 0.5 * h * s)
-    A = max(max(abs(a), abs(a1)), abs(a2))
-    J = max(abs(j), abs(j1))
-    V = abs(v) + h * A
-    more = most.M2 * (3.0 * A * A + 4.0 * V * J) + 6.0 * most.M3 * V * V * A + most.M4 * V * V * V * V
+    second = _near(r.second, most.M3 * away, most.M2)
+    third = _near(r.third, most.M4 * away, most.M3)
+    turns = Range(-most.M2 * away, most.M2 * away)  # r' less that in the middle
+    jerk = _sum(_times(3.0, _product(second, curve.power)), _product(third, curve.cube))
+    snap = _sum(_product(second, curve.mixed), _product(third, curve.cubed))
+    snap = _sum(snap, _product(Range(-most.M4, most.M4), curve.fourth))
     return Ranges(
-        _widened(rest.velocity, 0.0, V, down, up, 0.0),
-        _widened(rest.acceleration, min(min(a, a1), a2), max(max(a, a1), a2), down, up, most.M2 * V * V),
-        _widened(rest.jerk, min(j, j1), max(j, j1), down, up, 3.0 * most.M2 * V * A + most.M3 * V * V * V),
-        _widened(rest.snap, s, s, down, up, more),
+        _sum(rest.velocity, _product(turns, curve.speed)),
+        _sum(rest.acceleration, _sum(_product(second, curve.square), _product(turns, curve.acceleration))),
+        _sum(rest.jerk, _sum(jerk, _product(turns, curve.jerk))),
+        _sum(rest.snap, _sum(snap, _times(s, turns))),
     )
 
 
@@ -122,17 +197,32 @@ def _largest(value: float, rest: Range) -> float:
 
 
 @kernel
-def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: float) -> tuple[float, float]:
-    """Return the peak utilization of the limits and the feed by the sum of two motions, and the distance to the corner,
-    m.
+def _vertex(begin: float, middle: float, end: float) -> float:
+    """Return the extreme value of a quadratic with three Bernstein points that is not at its ends, or that at its begin
+    if there is none.
+    """
+    if (middle - begin) * (end - middle) >= 0.0:
+        return begin
+    return begin - (middle - begin) * (middle - begin) / (begin - 2.0 * middle + end)
+
+
+@kernel
+def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: float) -> tuple[float, float, float]:
+    """Return the peak utilization of the limits and the feed by the sum of two motions, the distance to the corner, m,
+    and the factor by which the time of both must grow for the sum to keep all limits.
 
     The first motion ends on a piece, the second begins on another piece, and they overlap for `lasts` seconds.  Ranges
     are bounded by Bernstein points.
     """
     axes = len(limits)
-    curved = 0.0
+    curved0 = 0.0
+    curved1 = 0.0
     for i in range(axes):
-        curved = max(curved, max(one.most[i].M2, two.most[i].M2))
+        curved0 = max(curved0, one.most[i].M2)
+        curved1 = max(curved1, two.most[i].M2)
+    curved = max(curved0, curved1) > 0.0
+    rates0 = records(Derivatives, 9)
+    rates1 = records(Derivatives, 9)
     # where the first motion is when the second begins
     m = one.used
     left = lasts
@@ -143,7 +233,10 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
     n = 0
     begin1 = 0.0
     t = 0.0
-    share = 0.0
+    velocity = 0.0
+    acceleration = 0.0
+    jerk = 0.0
+    snap = 0.0
     distance = 1e300
     while t < lasts and m < one.used and n < two.used:
         end0 = begin0 + one.motion[m].duration
@@ -158,8 +251,16 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
             now1 = moved(two.motion[n], t - begin1)
             _, x0, v0, a0, j0, s0 = now0
             _, x1, v1, a1, j1, s1 = now1
-            far0 = max(one.length - x0, 0.0)
-            far1 = max(x1 + way(v1, a1, j1, s1, h), 0.0)
+            far0 = x0 + way(v0, a0, j0, s0, h)
+            far1 = x1 + way(v1, a1, j1, s1, h)
+            curve0 = _STILL
+            curve1 = _STILL
+            if curved0 > 0.0:
+                derivatives(one.kind, one.length, one.shape, min(max(0.5 * (x0 + far0), 0.0), one.length), rates0)
+                curve0 = _along_curve(now0, h)
+            if curved1 > 0.0:
+                derivatives(two.kind, two.length, two.shape, min(max(0.5 * (x1 + far1), 0.0), two.length), rates1)
+                curve1 = _along_curve(now1, h)
             squares0 = 0.0
             squares1 = 0.0
             squares2 = 0.0
@@ -167,14 +268,17 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
             for i in range(axes):
                 c0 = one.direction[i]
                 c1 = two.direction[i]
+                rest = _NOTHING
+                if curved0 > 0.0:
+                    c0 = rates0[i].first
+                    rest = _bent(one.most[i], rates0[i], 0.5 * (far0 - x0), curve0, s0, rest)
+                if curved1 > 0.0:
+                    c1 = rates1[i].first
+                    rest = _bent(two.most[i], rates1[i], 0.5 * (far1 - x1), curve1, s1, rest)
                 v = c0 * v0 + c1 * v1
                 a = c0 * a0 + c1 * a1
                 j = c0 * j0 + c1 * j1
                 s = c0 * s0 + c1 * s1
-                rest = _NOTHING
-                if curved > 0.0:
-                    rest = _bent(one.most[i], c0, now0, h, far0, rest)
-                    rest = _bent(two.most[i], c1, now1, h, far1, rest)
                 limit = limits[i]
                 # Bernstein points
                 fast0 = _largest(v, rest.velocity)
@@ -185,16 +289,19 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
                 squares1 = squares1 + fast1 * fast1
                 squares2 = squares2 + fast2 * fast2
                 squares3 = squares3 + fast3 * fast3
-                share = max(share, max(max(fast0, fast1), max(fast2, fast3)) / limit.velocity)
-                share = max(share, _largest(a, rest.acceleration) / limit.acceleration)
-                share = max(share, _largest(a + 0.5 * h * j, rest.acceleration) / limit.acceleration)
-                share = max(share, _largest(a + h * (j + 0.5 * h * s), rest.acceleration) / limit.acceleration)
-                share = max(share, max(_largest(j, rest.jerk), _largest(j + h * s, rest.jerk)) / limit.jerk)
-                share = max(share, _largest(s, rest.snap) / limit.snap)
+                velocity = max(velocity, max(max(fast0, fast1), max(fast2, fast3)) / limit.velocity)
+                middle = a + 0.5 * h * j
+                ends = a + h * (j + 0.5 * h * s)
+                largest = max(_largest(a, rest.acceleration), _largest(ends, rest.acceleration))
+                # in most intervals the point in the middle is the bound, which takes no division
+                if _largest(middle, rest.acceleration) > max(largest, acceleration * limit.acceleration):
+                    largest = max(largest, _largest(_vertex(a, middle, ends), rest.acceleration))
+                acceleration = max(acceleration, largest / limit.acceleration)
+                jerk = max(jerk, max(_largest(j, rest.jerk), _largest(j + h * s, rest.jerk)) / limit.jerk)
+                snap = max(snap, _largest(s, rest.snap) / limit.snap)
             speed = max(max(squares0, squares1), max(squares2, squares3))
-            share = max(share, sqrt(speed) / feed)
-            end_left = one.length - (x0 + way(v0, a0, j0, s0, h))
-            if distance == 1e300 and (end_left <= far1 or end >= lasts):
+            velocity = max(velocity, sqrt(speed) / feed)
+            if distance == 1e300 and (one.length - far0 <= max(far1, 0.0) or end >= lasts):
                 # the distances to the corner become equal here
                 low = 0.0
                 high = h
@@ -207,7 +314,7 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
                 b = 0.5 * (low + high)
                 w0 = one.length - (x0 + way(v0, a0, j0, s0, b))
                 w1 = x1 + way(v1, a1, j1, s1, b)
-                distance = _apart(one, two, w0, w1, curved > 0.0)
+                distance = _apart(one, two, w0, w1, curved)
         if end0 <= end:
             begin0 = end0
             m = m + 1
@@ -215,7 +322,9 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
             begin1 = end1
             n = n + 1
         t = end
-    return share, distance
+    share = max(max(velocity, acceleration), max(jerk, snap))
+    slower = max(max(velocity, sqrt(acceleration)), max(cube_root(jerk), sqrt(sqrt(snap))))
+    return share, distance, slower
 
 
 @kernel
@@ -249,7 +358,7 @@ def overlap(one: End, two: End, longest: float, tolerance: float, limits: Record
     high = longest
     lasts = longest
     for _ in range(_HALVINGS):
-        share, distance = together(one, two, lasts, limits, feed)
+        share, distance, _slower = together(one, two, lasts, limits, feed)
         if share <= 1.0 + 1e-10 and distance <= tolerance * BELOW:
             low = lasts
         else:
@@ -258,6 +367,60 @@ def overlap(one: End, two: End, longest: float, tolerance: float, limits: Record
             break
         lasts = 0.5 * (low + high)
     return low
+
+
+@kernel
+def slower_overlap(
+    one: End, two: End, longest: float, tolerance: float, limits: Records[Limits], whole: float, least: float
+) -> tuple[float, float]:
+    """Return the overlap of two motions that take longer by a factor, and this factor, so that most time is saved; the
+    first is 0 if that is not more than `least` s.
+
+    `whole` is the sum of the durations of both runs, s: slower by f, with an overlap of f D, they save
+    f D - (f - 1) whole.  Where both motions use the limits throughout, their sum is above a limit by little for
+    overlaps of very different durations, and none of them would hold without that.
+    """
+    feed = max(one.feed, two.feed)
+    within = 0.0
+    high = longest
+    lasts = longest
+    for _ in range(_HALVINGS):
+        # the way to the corner grows with the overlap
+        _share, distance, _slower = together(one, two, lasts, limits, feed)
+        if distance <= tolerance * BELOW:
+            within = lasts
+        else:
+            high = lasts
+        if high - within <= _TOLERANT * high or high <= least:
+            break
+        lasts = 0.5 * (within + high)
+    best = least
+    found = 0.0
+    factor = 1.0
+    step = within / float(_SHORTER)
+    place = within
+    middle = within
+    for k in range(_SHORTER + 2 * _CLOSER):
+        # in equal steps, then on either side of the best of them in steps that are halved
+        lasts = within - float(k) * step
+        if k >= _SHORTER:
+            if found == 0.0:
+                break
+            if (k - _SHORTER) % 2 == 0:
+                step = 0.5 * step
+                middle = place
+            lasts = min(middle + (step if (k - _SHORTER) % 2 == 0 else -step), within)
+        elif lasts <= best:
+            continue
+        _share, distance, slower = together(one, two, lasts, limits, feed)
+        slower = max(slower, 1.0) * (1.0 + 1e-9)
+        saved = slower * lasts - (slower - 1.0) * whole
+        if saved > best:
+            best = saved
+            found = slower * lasts
+            factor = slower
+            place = lasts
+    return found, factor
 
 
 class Shared(NamedTuple):
@@ -732,6 +895,7 @@ def meet(
             one = one._replace(tail=node)
             two = two._replace(head=node)
             good = False
+            long = False  # if there is no room for the bump
             excess = 1.0  # largest share of a limit; 1 if unknown
             both = 2.0 * w + short
             peak0 = _peak(one)
@@ -747,19 +911,20 @@ def meet(
                 n = _rows(one, peak0, rows0)
                 m = _rows(two, peak1, rows1)
                 good = n > 0 and m > 0
-                good = good and both <= time0 - before.lasts and both <= (0.5 * time1 if half else time1)
+                long = both > time0 - before.lasts or both > (0.5 * time1 if half else time1)
+                good = good and not long
                 end = end._replace(motion=rows0, used=n, length=one.length)
                 begin = begin._replace(motion=rows1, used=m)
             if good:
-                most, away = together(end, begin, both, limits, feed)
+                most, away, _slower = together(end, begin, both, limits, feed)
                 good = most <= 1.0 + 1e-10 and away <= tolerance
                 excess = most
             if good and before.lasts > 0.0:
-                most, away = together(before.end, end, before.lasts, limits, before_feed)
+                most, away, _slower = together(before.end, end, before.lasts, limits, before_feed)
                 good = most <= 1.0 + 1e-10 and away <= before.tolerance
                 excess = most
-            if slower or good:
-                low = v  # lower speeds are slower as well
+            if slower or good or long:
+                low = v  # lower speeds are slower as well, and their bumps longer
                 if good:
                     reached = v
                     best = time
@@ -967,9 +1132,11 @@ def meet_lines(runs: LineRuns, limits: Records[Limits], work: Both, out: Leaves)
             time0 = lasting(motion[zero], used[zero])
             time1 = lasting(motion[one], used[one])
             time2 = lasting(motion[two], used[two])
-            ended = End(motion[zero], used[zero], time0, line[zero].length, feed[zero], along[zero], most[zero])
-            end = End(motion[one], used[one], time1, line[one].length, feed[one], along[one], most[one])
-            begin = End(motion[two], used[two], time2, line[two].length, feed[two], along[two], most[two])
+            ended = End(
+                motion[zero], used[zero], time0, line[zero].length, feed[zero], along[zero], most[zero], LINE, along
+            )
+            end = End(motion[one], used[one], time1, line[one].length, feed[one], along[one], most[one], LINE, along)
+            begin = End(motion[two], used[two], time2, line[two].length, feed[two], along[two], most[two], LINE, along)
             found = meet(
                 line[one],
                 end,

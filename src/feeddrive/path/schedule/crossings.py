@@ -27,6 +27,7 @@ from feeddrive.path.motion import (
     part_of_pieces,
     piece_of,
     rows,
+    slowed,
     way,
 )
 from feeddrive.path.schedule.corner import (
@@ -45,6 +46,7 @@ from feeddrive.path.schedule.corner import (
     meet_lines,
     overlap,
     shared,
+    slower_overlap,
     stop_lines,
     straight,
     together,
@@ -123,7 +125,9 @@ def _line_run(pieces: Pieces, runs: LineRuns, k: int, tolerance: float, corner: 
     used = int(runs.used[k])
     new, line = arrays.motion[k][:used], by_field(LineStretch, arrays.line[k])
     motion = from_rows(new, 0)
-    seen = End(new, used, _time(motion), line.length, float(runs.feed[k]), runs.along[k], runs.most[k])
+    seen = End(
+        new, used, _time(motion), line.length, float(runs.feed[k]), runs.along[k], runs.most[k], LINE, runs.along
+    )
     return _Run(Part(pieces, motion, True), tolerance, _Stretch(0, used, line), seen, float(runs.lasts[k]), corner)
 
 
@@ -224,20 +228,40 @@ class Crossings:
         lasts = overlap(end, begin, _longest(one, end, two, begin), one.tolerance, self._limits)
         return one, two._replace(lasts=lasts if lasts >= SHORTEST else 0.0, corner=one.tolerance)
 
+    def _both_slower(self, one: _Run, two: _Run, best: tuple[_Run, _Run]) -> tuple[_Run, _Run]:
+        """Return both runs slower as a whole, if with their overlap they take less time than `best`, which is returned
+        otherwise.
+        """
+        if not (_rests(one.part) and _rests(two.part)):
+            return best
+        end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
+        longest, whole = _longest(one, end, two, begin), _time(one.part.motion) + _time(two.part.motion)
+        least = max(whole - _together(best), 0.0) + SHORTEST
+        lasts, factor = slower_overlap(end, begin, longest, one.tolerance, self._limits, whole, least)
+        if lasts == 0.0:
+            return best
+        before = self._held(_slower(one, factor))
+        found = before, _slower(two, factor)._replace(lasts=lasts, corner=one.tolerance)
+        lost = best[0].lasts - before.lasts
+        return found if _together(found) + lost < _together(best) else best
+
     def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
         """Plan the corner between two runs; return both, the first one in its final form."""
         tail = one.whole or self._tail(one.part)
         head = two.whole or self._head(two.part)
         if tail is not None and head is not None:
             return self._on_lines(one, tail, two, head)
-        best = self._stopped(one, two)
+        best, ways = self._stopped(one, two), [(one, two)]
         # next to an arc a slower ramp on the line leaves room for the derivatives that curvature adds on its axes
         for share in _SLOWED if (tail is None) != (head is None) else ():
             before, after = self._slowed(one, tail, True, share), self._slowed(two, head, False, share)
             if before and after:
+                ways.append((before, after))
                 stopped = self._stopped(before, after)
                 if _together(stopped) < _together(best) and self._holds(before):
                     best = stopped
+        for before, after in ways:
+            best = self._both_slower(before, after, best)
         return best
 
     def _slowed(self, run: _Run, stretch: _Stretch | None, tail: bool, share: float) -> _Run | None:
@@ -266,8 +290,16 @@ class Crossings:
         if run.lasts == 0.0 or self._fixed is None:
             return True
         end, begin = _end(self._fixed, True), run.seen or _end(run.part, False)
-        share, away = together(end, begin, run.lasts, self._limits, max(end.feed, begin.feed))
+        share, away, _ = together(end, begin, run.lasts, self._limits, max(end.feed, begin.feed))
         return share <= 1.0 + 1e-10 and away <= run.corner
+
+    def _held(self, run: _Run) -> _Run:
+        """Return a slower run whose overlap with the previous one is shorter if it would not hold otherwise."""
+        if self._holds(run) or self._fixed is None:
+            return run
+        end, begin = _end(self._fixed, True), run.seen or _end(run.part, False)
+        lasts = overlap(end, begin, run.lasts, run.corner, self._limits)
+        return run._replace(lasts=lasts if lasts >= SHORTEST else 0.0)
 
     def _on_lines(self, one: _Run, tail: _Stretch, two: _Run, head: _Stretch) -> tuple[_Run, _Run]:
         """Plan the corner between two runs with these stretches of lines before and behind it."""
@@ -294,7 +326,8 @@ class Crossings:
         )
         two = two._replace(lasts=found.lasts, corner=one.tolerance)
         if not found.first:
-            return one, two
+            # without a bump both may stop in the corner more slowly
+            return (one, two) if one.whole and two.whole else self._both_slower(one, two, (one, two))
         n = len(one.part.pieces.length) - 1
         rows0, rows1 = rows0[: found.first], rows1[: found.second]
         made0, made1 = _spliced(tail, motion0, n, rows0), _spliced(head, motion1, 0, rows1)
@@ -394,6 +427,38 @@ def _longest(one: _Run, end: End, two: _Run, begin: End) -> float:
     return min(end.lasts, begin.lasts, room) * LONGEST
 
 
+def _rests(part: Part) -> bool:
+    """Return True if a part is a whole run, from rest to rest."""
+    return part.ends and part.motion.x[0] == 0.0 and part.motion.speed[0] == 0.0
+
+
+def _slower(run: _Run, factor: float) -> _Run:
+    """Return a run that takes `factor` times as long."""
+    run = run._replace(part=run.part._replace(motion=slowed(run.part.motion, factor)))
+    if run.whole is None or run.seen is None:
+        return run
+    # planned anew at its other corner with limits that make the same motion
+    line = run.whole.line
+    line = line._replace(
+        fastest=line.fastest / factor,
+        acceleration=line.acceleration / factor**2,
+        jerk=line.jerk / factor**3,
+        snap=line.snap / factor**4,
+        head=_slower_node(line.head, factor),
+        tail=_slower_node(line.tail, factor),
+    )
+    return run._replace(
+        whole=run.whole._replace(line=line), seen=_made(run.seen, rows(run.part.motion), run.part.motion)
+    )
+
+
+def _slower_node(node: Node, factor: float) -> Node:
+    """Return the end of a stretch whose motion takes `factor` times as long."""
+    return node._replace(
+        speed=node.speed / factor, wide=node.wide * factor, short=node.short * factor, jerk=node.jerk / factor**3
+    )
+
+
 def _together(both: tuple[_Run, _Run]) -> float:
     """Return the total duration of both runs, s."""
     one, two = both
@@ -440,12 +505,12 @@ def _end(part: Part, last: bool) -> End:
     bounds(piece, most)
     derivatives(*piece, length if last else 0.0, r)
     along = np.array(by_field(Derivatives, r).first)
-    return End(rows(on), len(on.duration), _time(on), length, feed, along, most)
+    return End(rows(on), len(on.duration), _time(on), length, feed, along, most, int(piece.kind), piece.shape)
 
 
-def _along_line(pieces: Pieces, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return direction and bounds of a line."""
+def _along_line(pieces: Pieces, k: int) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
+    """Return direction, bounds, kind and shape of a line."""
     along = direction(pieces, k)
     most = rows_for(Slopes, len(along))
     np.abs(along, out=np.asarray(by_field(Slopes, most).M1))
-    return along, most
+    return along, most, LINE, pieces.shape[k]
