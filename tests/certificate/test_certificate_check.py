@@ -191,7 +191,7 @@ CHANGES = [
     (beyond_all, "out of range"),
     (ragged, "length"),
     (no_plants, "no plant"),
-    (no_outside, "no outside"),
+    (no_outside, "its entry 'outside' is missing"),
     (silent, "saturation and friction as outside"),
     (direct, "responds without delay"),
     (a_word, "reserve is not a number"),
@@ -262,6 +262,16 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     code, words = said(tmp_path / "none.json")
     assert code == 1
     assert "none.json cannot be read: " in words
+
+
+@pytest.mark.parametrize("entry", ["sha256", "plants"])
+def test_an_entry_that_is_missing_is_named(entry: str, text: str, tmp_path: Path) -> None:
+    path, document = tmp_path / "loop.json", json.loads(text)
+    del document[entry]
+    path.write_text(json.dumps(document))
+    code, words = said(path)
+    assert code == 1
+    assert f"loop.json: its entry '{entry}' is missing: take the file as feeddrive certify wrote it, or" in words
 
 
 def test_what_is_built_otherwise_is_refused_in_one_line(text: str, tmp_path: Path) -> None:
