@@ -272,17 +272,16 @@ class Benchmark(Result):
         return Table("Best law by plant and figure, and how many times better than P-PI", ["plant", *HEADS[:-1]], rows)
 
     def _winner(self, plant: str, criterion: Figure) -> Cell:
-        placed = (row for row in self.rows if row.plant == plant and not row.unplaced and not row.recipe)
+        placed = [row for row in self.rows if row.plant == plant and not row.unplaced and not row.recipe]
+        ratios = {row.name: self.ratios(row.name, criterion).get(plant, math.nan) for row in placed}
+        finite = sorted((-ratio, law) for law, ratio in ratios.items() if math.isfinite(ratio))
+        if finite:
+            ratio, law = finite[0]
+            return law if law == PLAIN else Text(f"{law} {Quantity(-ratio):.2f}")
+        # where P-PI has no finite figure there is nothing to divide by
         values = [(value, row.name) for row in placed if (value := row.figures.get(criterion.key)) is not None]
-        finite = [entry for entry in values if math.isfinite(entry[0])]
-        if not finite:
-            return None
-        value, law = (max if criterion.higher else min)(finite)
-        plain = self.row(plant, PLAIN)
-        theirs = None if plain is None else plain.figures.get(criterion.key)
-        if law == PLAIN or not theirs or not value:
-            return law
-        return Text(f"{law} {Quantity(_times_better(criterion, value, theirs)):.2f}")
+        known = [entry for entry in values if math.isfinite(entry[0])]
+        return (max if criterion.higher else min)(known)[1] if known else None
 
     def unplaced(self) -> dict[str, dict[str, list[str]]]:
         """Return, by law and reason, the plants on which the law is not ranked."""

@@ -256,8 +256,7 @@ class Rules(Section):
         for name in names:
             if name not in self.plants:
                 raise ParameterError(
-                    f"plant '{name}' is not in the benchmark{nearest(name, self.plants)}; there are "
-                    f"{', '.join(self.plants)}"
+                    f"plant '{name}' is not in rules {self.version} of the benchmark{nearest(name, self.plants)}"
                 )
         return tuple(plant for name, plant in self.plants.items() if not names or name in names)
 

@@ -102,6 +102,7 @@ _DASHED: Dashes = (0, (4, 3))
 # dashes of limits that the legend distinguishes
 _LIMITS: tuple[Dashes, ...] = (_DASHED, (0, (1.5, 1.5)), (0, (6, 1.5, 1.5, 1.5)))
 _MANY, _FEW = 1e4, 1e2  # logarithmic ranges: above, only some decades are labeled; below, 2 and 5 are labeled too
+_NARROW = 4.0  # on the x axis: logarithmic ranges below have round numbers between the decades too
 _DECADES = 5.0  # on the x axes of a row of panels: up to so many, 2 and 5 are labeled too
 _COLD, _HOT = 1.1, 2.6  # line width of the smallest and the largest value
 
@@ -211,8 +212,12 @@ def _abscissa(ax: Axes, abscissa: Abscissa, panel: Panel, across: int) -> None:
     if abscissa.scale == looks.LOG:
         ax.set_xscale("log")
         low, high = ax.get_xlim()
-        # three numbers a decade touch each other where narrow panels have many decades
-        style.plain_decades(ax.xaxis, between=across * np.log10(high / low) <= _DECADES)
+        if high < _NARROW * low:
+            # of 1, 2 and 5 there may be a single one in this range
+            style.plain_numbers(ax.xaxis, 4)
+        else:
+            # three numbers a decade touch each other where narrow panels have many decades
+            style.plain_decades(ax.xaxis, between=across * np.log10(high / low) <= _DECADES)
     if abscissa.ticks is not None:
         _ticks(ax.xaxis, abscissa.ticks)
     elif abscissa.scale == looks.LINEAR and across > 1:
