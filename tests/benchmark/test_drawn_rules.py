@@ -34,6 +34,7 @@ from feeddrive.language.progress import Progress
 from feeddrive.loop.box import Box
 from feeddrive.plot.registry import chart_of
 from feeddrive.tuning.candidates import PLAIN, Refusal
+from feeddrive.tuning.tune import Tuned
 
 RULES = read_rules(2)
 SNAP = FIGURES[0]
@@ -407,6 +408,19 @@ def test_stored_designs_belong_to_the_present_code_and_keep_their_bounds(place: 
             loop = replace(law.loop, control=design.control(law))
             assert design.moved(plant.rule.figures(loop)) == "", law.name
             assert design.box["box"] == str(rules.tolerances)
+
+
+@pytest.mark.slow(reason="a law with nine tunables is searched over a box")
+def test_a_search_that_ends_a_little_above_a_bound_goes_on_from_below() -> None:
+    """It ended with the noise 1.6 thousandths above its bound, and cost the law its place on all plants."""
+    plant = RULES.plants["flexible_frame"]
+    law = next(law for law in RULES.lineup(plant).searched if law.name == "GPI, 3 Taylor states")
+    stored = Designs(RULES.designs(), plant.name, RULES.version).design(law.name)
+    assert stored is not None
+    found = Tuning(law, replace(plant.rule, noise=stored.noise)).outcome(Progress())
+    assert isinstance(found, Tuned)
+    assert found.box is not None
+    assert found.box.holds, found.box.used
 
 
 @pytest.mark.slow(reason="two laws are searched over a box and judged on drawn machines")

@@ -11,7 +11,7 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
     """Return a hint: `; did you mean a or b?` or, if no name is similar, `; there are: ...` (at most 20 names)."""
     names = list(allowed)
     # get_close_matches finds no letter in common in the other case, as in ppi for P-PI
-    near = get_close_matches(name, names, 3) or [known for known in names if _letters(known) == _letters(name)]
+    near = [known for known in names if _letters(known) == _letters(name)] or get_close_matches(name, names, 3)
     if near:
         return f"; did you mean {' or '.join(near)}?"
     if not names:
