@@ -296,7 +296,7 @@ def test_a_law_is_named_by_its_kind_too() -> None:
     ("asked", "said"),
     [
         (["--plant", "rac"], "did you mean rack?"),
-        (["--plant", "stage_1", "--rules", "1"], "'stage_1' is not in rules 1 of the benchmark; there are: linear_motor,"),
+        (["--plant", "stage_1", "--rules", "1"], "is not in rules 1 of the benchmark; there are: linear_motor,"),
         (["--plant", QUICK, "--law", "DADC"], "'DADC' is not known here"),
         (["--rules", "3"], "there are no rules 3"),
         (["--retune"], "--retune: name with --keep"),
