@@ -20,7 +20,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm, matrix_balance, schur
@@ -105,41 +105,58 @@ def modal(plant: Any, mass: np.ndarray, stiffer: np.ndarray, friction: Sequence[
     return Bodies(mass, dampers, springs, motor, motor, load)
 
 
-def drawn(loop: Loop, box: Box, draws: int, seed: int) -> tuple[Bodies, np.ndarray]:
-    """Return plants of a box, and the additional samples of dead time of each."""
-    random = np.random.default_rng(seed)
+class Spread(NamedTuple):
+    """The parameters of a plant that spread: its masses, then its springs or the squared frequencies of its modes."""
+
+    masses: list[float]
+    springs: list[float]
+    dampers: list[float]
+    viscous: list[float]
+
+
+def spread(loop: Loop) -> Spread:
+    """Return the parameters of the plant of a loop."""
     plant, kind = loop.axis.plant, loop.axis.plant.kind
-    friction = [viscous(block) for block in (loop.axis.friction_motor, loop.axis.friction_load)]
     p: Any = plant
-    c, b, springs = list[float](), list[float](), list[float]()
     if kind == "three_mass_chain":
-        mass, springs = [p.mass_motor, p.mass_screw, p.mass_load], [p.coupling_stiffness, p.stiffness]
-        c, b = [p.coupling_damping, p.damping], [p.viscous_motor, p.viscous_screw, p.viscous_load]
-    elif kind == "two_mass" and p.coupling_mass is None:
-        mass, springs = [p.mass_motor, p.mass_load], [p.stiffness]
-        c, b = [p.damping], [p.viscous_motor, p.viscous_load]
-    elif kind == "rigid":
-        mass, b = [p.mass], [p.viscous]
-    elif kind == "modal":
-        mass, springs = [p.mass, *(mode.mass for mode in p.modes)], [1.0] * len(p.modes)
-    else:
-        raise SystemExit(f"a plant '{kind}' is not written here")
-    n = len(mass) + len(springs)
+        masses, springs = [p.mass_motor, p.mass_screw, p.mass_load], [p.coupling_stiffness, p.stiffness]
+        return Spread(masses, springs, [p.coupling_damping, p.damping],
+                      [p.viscous_motor, p.viscous_screw, p.viscous_load])  # fmt: skip
+    if kind == "two_mass" and p.coupling_mass is None:
+        return Spread([p.mass_motor, p.mass_load], [p.stiffness], [p.damping], [p.viscous_motor, p.viscous_load])
+    if kind == "rigid":
+        return Spread([p.mass], [], [], [p.viscous])
+    if kind == "modal":
+        return Spread([p.mass, *(mode.mass for mode in p.modes)], [1.0] * len(p.modes), [], [])
+    raise SystemExit(f"a plant '{kind}' is not written here")
+
+
+def drawn(loop: Loop, box: Box, draws: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return places of a box, -1 to 1 for each parameter, (draws, parameters), and additional samples of dead time."""
+    random, sizes = np.random.default_rng(seed), spread(loop)
+    n = len(sizes.masses) + len(sizes.springs)
     place = random.uniform(-1.0, 1.0, (draws, n))
     at_end = random.random((draws, n)) < 0.5
     at_end[: draws // 2] = False
-    place = np.where(at_end, np.sign(place), place)
-    masses = np.array(mass) * (1.0 + box.mass * place[:, : len(mass)])
-    stiffnesses = np.array(springs) * (1.0 + box.stiffness * place[:, len(mass) :])
-    late = random.integers(0, box.dead_time + 1, draws)
-    if kind == "modal":
-        bodies = modal(p, masses, stiffnesses, friction)
+    return np.where(at_end, np.sign(place), place), random.integers(0, box.dead_time + 1, draws)
+
+
+def bodies(loop: Loop, box: Box, place: np.ndarray) -> Bodies:
+    """Return the plants at places of a box."""
+    sizes = spread(loop)
+    friction = [viscous(block) for block in (loop.axis.friction_motor, loop.axis.friction_load)]
+    count = len(sizes.masses)
+    masses = np.array(sizes.masses) * (1.0 + box.mass * place[:, :count])
+    springs = np.array(sizes.springs) * (1.0 + box.stiffness * place[:, count:])
+    if loop.axis.plant.kind == "modal":
+        made = modal(loop.axis.plant, masses, springs, friction)
     else:
-        b[1 if len(mass) == 3 else 0] += friction[0]  # of a three-mass chain the encoder and friction are at the screw
+        b = list(sizes.viscous)
+        b[1 if count == 3 else 0] += friction[0]  # of a three-mass chain the encoder and friction are at the screw
         b[-1] += friction[1]
-        bodies = chain(masses, stiffnesses, c, b)
-    cogging = slope(loop) * np.outer(bodies.motor, bodies.motor)
-    return replace(bodies, K=bodies.K - cogging), late
+        made = chain(masses, springs, sizes.dampers, b)
+    cogging = slope(loop) * np.outer(made.motor, made.motor)
+    return replace(made, K=made.K - cogging)
 
 
 @dataclass(frozen=True)
@@ -314,9 +331,21 @@ class Drawn:
 class Draws:
     """Plants that are drawn once for all laws: lines that all share, and lines of each that are dense at its modes."""
 
-    def __init__(self, loop: Loop, box: Box, count: int = 10_000, seed: int = 1, lines: int = LINES) -> None:
+    def __init__(
+        self,
+        loop: Loop,
+        box: Box,
+        count: int = 10_000,
+        seed: int = 1,
+        lines: int = LINES,
+        *,
+        at: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> None:
+        """Draw so many plants, or take those at given places, as `drawn` returns them."""
         self.loop, self.T = loop, float(loop.sample_time)
-        self.plants = held(*drawn(loop, box, count, seed), loop)
+        self.place, self.late = drawn(loop, box, count, seed) if at is None else at
+        count = len(self.place)
+        self.plants = held(bodies(loop, box, self.place), self.late, loop)
         self.modes = Modes(self.plants, self.T)
         nyquist = 0.5 / self.T
         self.base = np.geomspace(3e-5 * nyquist, nyquist * (1.0 - 1e-9), lines)
@@ -332,7 +361,13 @@ class Draws:
 
     def under(self, control: Control, velocity: float = 0.05) -> Drawn:
         """Return the worst of the draws under a control."""
-        law, count = linear_law(control, self.T, velocity), self.lines.shape[0]
+        law = linear_law(control, self.T, velocity)
+        peaks = self.peaks(law)
+        return Drawn(float(np.max(peaks)), int(np.argmax(peaks)), float(np.max(closed_eigenvalues(self.plants, law))))
+
+    def peaks(self, law: Sequence[np.ndarray]) -> np.ndarray:
+        """Return Ms of every draw under a law, refined at its peak where it is near the largest one."""
+        count = self.lines.shape[0]
         shared = np.broadcast_to(law_response(law, self.base[None], self.T), (count, 2, self.base.size))
         own = np.concatenate([shared, law_response(law, self.near, self.T)], axis=2)
         peaks = 1.0 / np.abs(1.0 - np.einsum("drl,drl->dl", own, self.response))
@@ -347,7 +382,7 @@ class Draws:
         # the lines miss so little of a peak that none that was left as it is can be the largest: else all are refined
         if np.max(best[near] / coarse[near]) > 1.0 + 0.5 * ROOM:
             best = self._refined(law, low, high, every, coarse)
-        return Drawn(float(np.max(best)), int(np.argmax(best)), float(np.max(closed_eigenvalues(self.plants, law))))
+        return best
 
     def _refined(
         self, law: Sequence[np.ndarray], low: np.ndarray, high: np.ndarray, draws: np.ndarray, best: np.ndarray

@@ -212,6 +212,16 @@ def test_what_is_built_otherwise_is_refused_without_a_traceback(content: bytes, 
     assert box_check.checked(str(tmp_path / "none.json"))[1] is False
 
 
+@pytest.mark.parametrize("entry", ["sha256", "verdict", "control", "late_samples", "frequencies_rad_s", "outside"])
+def test_an_entry_that_is_missing_is_named(motor: Document, entry: str, tmp_path: Path) -> None:
+    """A file without its digest ended in a KeyError."""
+    without = {key: value for key, value in motor.items() if key != entry}
+    file = tmp_path / "proof.json"
+    file.write_text(json.dumps(without if entry == "sha256" else signed(without)), encoding="utf-8")
+    said = f"REFUSED: {file}: its entry '{entry}' is missing: take the file as feeddrive certify --box wrote it, or "
+    assert box_check.checked(str(file))[0][-1].startswith(said)
+
+
 def test_every_function_of_frequency_is_within_its_bounds(table: Document) -> None:
     """D, Nᵢ G, den and numᵢ of the checker against complex floats, at frequencies drawn from intervals of all sizes."""
     control = box_check.control_of(table["control"])

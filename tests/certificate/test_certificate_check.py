@@ -264,6 +264,16 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     assert "none.json cannot be read: " in words
 
 
+@pytest.mark.parametrize("entry", ["sha256", "plants"])
+def test_an_entry_that_is_missing_is_named(entry: str, text: str, tmp_path: Path) -> None:
+    path, document = tmp_path / "loop.json", json.loads(text)
+    del document[entry]
+    path.write_text(json.dumps(document))
+    code, words = said(path)
+    assert code == 1
+    assert f"loop.json: its entry '{entry}' is missing: take the file as feeddrive certify wrote it, or" in words
+
+
 def test_what_is_built_otherwise_is_refused_in_one_line(text: str, tmp_path: Path) -> None:
     path = tmp_path / "loop.json"
     for name in ("plants", "control", "numbers", "outside", "confidence"):

@@ -209,6 +209,12 @@ def test_the_file_is_accepted_and_each_kind_of_damage_is_refused(
     refused(lambda d: d["cells"][1]["branches"][0].append(d["cells"][1]["branches"][0][0]), "stands there twice")
     refused(lambda d: d["cells"][0].update(from_m=math.nan), "no number")
     refused(lambda d: d.update(claim="more"), "its digest is another one", signed=False)
+    for entry in ("sha256", "states"):
+        without = {key: value for key, value in content.items() if key not in ("sha256", entry)}
+        signed = {} if entry == "sha256" else {"sha256": travel_check.digest(without)}
+        file.write_text(json.dumps({**without, **signed}), encoding="utf-8")
+        said = f"REFUSED: {file}: its entry '{entry}' is missing: take the file as feeddrive travel wrote it"
+        assert travel_check.checked(str(file))[0][-1].startswith(said)
     # what is built otherwise is refused without a traceback
     file.write_text('{"format": "feeddrive travel proof, version 1", "states": 3, "sha256": 0}', encoding="utf-8")
     assert travel_check.checked(str(file))[1] is False

@@ -43,6 +43,7 @@ DEEP = 64  # further bits of the corners, so that what so many halvings cut off 
 IMAGES = 2  # images on either side that are computed; the others are bounded together
 PRECISIONS = 512, 1024, 2048, 4096  # bits with which the plant in the middle is examined, one after the other
 BROKEN = (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError)
+MISSING = "its entry '{}' is missing: take the file as feeddrive certify --box wrote it, or write it again"
 
 Polynomial = list[Fraction]  # coefficients by rising power
 Matrix = list[list[Fraction]]
@@ -813,6 +814,7 @@ def digest(document: Mapping[str, Any]) -> str:
 def verified(document: Any) -> list[str]:
     """Return what the document proves, in sentences. Raises RefusedError if it does not."""
     need(isinstance(document, dict) and document.get("format") == FORMAT, "it is no proof over a box of plants")
+    need("sha256" in document, MISSING.format("sha256"))
     need(document["sha256"] == digest(document), "the file was changed: its digest is another one")
     need(document["verdict"] == "proven", f"its verdict is not proven, but {document['verdict']}")
     need("trees" in document, "the cells of its proof were not kept: there were too many")
@@ -858,6 +860,8 @@ def checked(path: str) -> tuple[list[str], bool]:
         sentences, proven = [f"REFUSED: {path} cannot be read: {error.strerror}"], False
     except RefusedError as error:
         sentences, proven = [f"REFUSED: {path}: {error}"], False
+    except KeyError as error:
+        sentences, proven = [f"REFUSED: {path}: {MISSING.format(error.args[0])}"], False
     except BROKEN as error:
         said = f"REFUSED: {path}: it is not built as such a proof is: {type(error).__name__} {error}"
         sentences, proven = [said], False

@@ -63,6 +63,7 @@ NODES, DEPTH = 20_000, 160  # intervals of u before the check gives up
 WORK = 2e10
 EACH = 40.0  # steps of an operation in Python, whatever the size of its numbers
 BROKEN = (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError)
+MISSING = "its entry '{}' is missing: take the file as feeddrive certify wrote it, or write it again"
 HEX = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 
 
@@ -711,9 +712,10 @@ def verified(document: Mapping[str, Any]) -> list[str]:
     """Prove the whole certificate; return one sentence per plant. Raise RefusedError if any condition fails."""
     need(document.get("format") == FORMAT, OTHER)
     need(document.get("version") == VERSION, f"its version is {document.get('version')!r:.20}, this is for {VERSION}")
-    missing = {"sample_time_s", "arithmetic", "numbers", "control", "plants", "outside", "confidence"} - set(document)
-    need(not missing, f"it has no {', '.join(sorted(missing))}")
-    need(document.get("sha256") == digest(document), "its content does not fit its SHA-256: it was changed")
+    entries = {"sample_time_s", "arithmetic", "numbers", "control", "plants", "outside", "confidence", "sha256"}
+    missing = entries - set(document)
+    need(not missing, MISSING.format("', '".join(sorted(missing))))
+    need(document["sha256"] == digest(document), "its content does not fit its SHA-256: it was changed")
     T, arithmetic = exact(document["sample_time_s"], "sample_time_s"), document["arithmetic"]
     need(1e-9 < T < 10.0, "the sample time is not between 1 ns and 10 s")
     need(re.fullmatch(r"float64|float32|fixed[1-9]\d?", arithmetic), "its arithmetic is not known")
@@ -758,6 +760,8 @@ def checked(path: str) -> tuple[list[str], bool]:
     except RefusedError as error:
         sentences = [f"REFUSED: {path}: {error}"]
     # a damaged file must be refused, not crash the checker
+    except KeyError as error:
+        sentences = [f"REFUSED: {path}: {MISSING.format(error.args[0])}"]
     except BROKEN as error:
         sentences = [f"REFUSED: {path}: it is not built as a certificate is: {type(error).__name__} {error}"]
     shown = (" ".join(line.split()) for line in sentences)

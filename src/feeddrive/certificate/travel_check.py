@@ -29,6 +29,7 @@ MOST_STATES = 60
 UNIT = 2.0**-53
 ROUND = 1.05 * UNIT  # of a sum of products, for each of its operations
 BROKEN = (LookupError, TypeError, AttributeError, ValueError, ArithmeticError, RecursionError)
+MISSING = "its entry '{}' is missing: take the file as feeddrive travel wrote it, or write it again"
 
 Matrix = list[list[float]]
 
@@ -282,6 +283,7 @@ def digest(document: Mapping[str, Any]) -> str:
 def verified(document: Any) -> list[str]:
     """Return what the document proves, in sentences. Raises RefusedError if it does not."""
     need(isinstance(document, dict) and document.get("format") == FORMAT, "it is no proof along a travel")
+    need("sha256" in document, MISSING.format("sha256"))
     need(document["sha256"] == digest(document), "the file was changed: its digest is another one")
     n = len(document["states"])
     need(0 < n <= MOST_STATES, f"1 to {MOST_STATES} states are needed")
@@ -302,6 +304,8 @@ def checked(path: str) -> tuple[list[str], bool]:
         sentences, proven = [f"REFUSED: {path} cannot be read: {error.strerror}"], False
     except RefusedError as error:
         sentences, proven = [f"REFUSED: {path}: {error}"], False
+    except KeyError as error:
+        sentences, proven = [f"REFUSED: {path}: {MISSING.format(error.args[0])}"], False
     except BROKEN as error:
         said = f"REFUSED: {path}: it is not built as such a proof is: {type(error).__name__} {error}"
         sentences, proven = [said], False

@@ -24,7 +24,7 @@ SCREENED = (SENSITIVITY_PEAK.key, DELAY_MARGIN.key, FORCE_NOISE.key)
 _LOWEST = 1e-4  # of Nyquist: lowest line
 _LINES = 320  # lines that all plants share
 _BESIDE = np.linspace(-4.0, 4.0, 17)  # half widths of a resonance at which a plant has lines of its own
-_LOCAL, _WIDE = 65, 0.25  # lines around the frequency at which a limit is used most, and their reach in ln f
+_LOCAL, WIDE = 65, 0.25  # lines around the frequency at which a limit is used most, and their reach in ln f
 _MARGIN = 0.5  # of a bound of Ms: peaks of |S| above it are computed between lines
 _AHEAD = 1e-9  # rad: smallest distance to -1 used for a crossover
 
@@ -37,6 +37,20 @@ class Used(NamedTuple):
 
     used: Mapping[str, np.ndarray]
     where: Mapping[str, np.ndarray]
+
+
+class Places(NamedTuple):
+    """Frequencies in Hz at which plants use a limit: the number of each plant, and the utilization there."""
+
+    plant: np.ndarray
+    frequency: np.ndarray
+    used: np.ndarray
+
+    def largest(self, count: int) -> np.ndarray:
+        """Return the utilization of each of so many plants at its worst frequency; 0 for one without any."""
+        used = np.zeros(count)
+        np.maximum.at(used, self.plant, self.used)
+        return used
 
 
 def can_screen(control: ControlResponse, limits: Limits) -> bool:
@@ -99,7 +113,7 @@ class Screen:
         """Return plants on lines around a frequency of each in Hz."""
         sampled = self.sampled.held(np.array([corner.place for corner in corners]).reshape(len(corners), -1))
         late = np.array([corner.late for corner in corners])
-        lines = middles[:, None] * np.exp(np.linspace(-_WIDE, _WIDE, _LOCAL))
+        lines = middles[:, None] * np.exp(np.linspace(-WIDE, WIDE, _LOCAL))
         lines = np.clip(lines, self.shared[0], self.shared[-1])
         order = np.tile(np.arange(_LOCAL), (len(corners), 1))
         return Plants(tuple(corners), sampled, late, lines, np.zeros(0), lines, order, sampled.at(lines, late))
@@ -134,6 +148,22 @@ class Screen:
 
         |S|/Ms,    ω T n/angle that a delay may use up at a crossover,    force noise/its bound
         """
+        f, every = plants.frequency, np.arange(len(plants.corners))
+        for limit, places in self.each_place(plants, control, matrix, limits):
+            used, where = np.zeros(every.size), np.full(every.size, f[0, -1])
+            order = np.argsort(places.used)
+            # the largest of each plant is written last
+            used[places.plant[order]], where[places.plant[order]] = places.used[order], places.frequency[order]
+            yield limit, (used, where)
+
+    def each_place(
+        self, plants: Plants, control: ControlResponse, matrix: np.ndarray, limits: Limits
+    ) -> Iterator[tuple[Limit, Places]]:
+        """Yield each limit with the frequencies at which plants use it, where the loop is stable.
+
+        Of Ms each peak of |S| and of a delay margin each crossover is a place of its own: from plant to plant these
+        change smoothly, and the largest of them does not.  A force noise has one place.
+        """
         count = len(plants.corners)
         lines = np.concatenate([plants.shared, plants.own.ravel()])
         values = control.of_model(matrix, lines).value
@@ -149,9 +179,8 @@ class Screen:
         for limit in limits.limits:
             key, bound = limit.figure.key, limit.bound
             if key == SENSITIVITY_PEAK.key:
-                least = _least_between(f, 1.0 + L, 1.0 / (_MARGIN * bound))
-                at = np.argmin(least, axis=1)
-                yield limit, (1.0 / (bound * least[every, at]), f[every, at])
+                row, k, least = _least_between(f, 1.0 + L, 1.0 / (_MARGIN * bound))
+                yield limit, Places(row, f[row, k], 1.0 / (bound * least))
             elif key == DELAY_MARGIN.key:
                 yield limit, self._delay(f, L, bound)
             elif key == FORCE_NOISE.key:
@@ -163,10 +192,10 @@ class Screen:
                 power = power / np.abs(1.0 + L) ** 2
                 summed = np.sum(0.5 * (power[:, 1:] + power[:, :-1]) * np.diff(f, axis=1), axis=1)
                 noise = np.sqrt(2.0 * self.T * (summed + power[:, 0] * f[:, 0]))
-                yield limit, (noise / bound, f[every, np.argmax(power, axis=1)])
+                yield limit, Places(every, f[every, np.argmax(power, axis=1)], noise / bound)
 
-    def _delay(self, f: np.ndarray, L: np.ndarray, bound: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the utilization of a delay margin in samples, and the frequency of the crossover."""
+    def _delay(self, f: np.ndarray, L: np.ndarray, bound: float) -> Places:
+        """Return the utilization of a delay margin in samples at the crossovers."""
         level = np.log(np.maximum(np.abs(L), np.finfo(float).tiny))
         crosses = level[:, :-1] * level[:, 1:] < 0.0
         row, k = np.nonzero(crosses)
@@ -174,16 +203,11 @@ class Screen:
         turn = np.angle(L[row, k + 1] * np.conj(L[row, k]))
         ahead = np.maximum((np.angle(-L[row, k]) + part * turn) % (2.0 * np.pi), _AHEAD)
         there = f[row, k] ** (1.0 - part) * f[row, k + 1] ** part
-        used, where = np.zeros(len(f)), np.full(len(f), f[0, -1])
-        size = 2.0 * np.pi * there * self.T * bound / ahead
-        order = np.argsort(size)
-        # the largest of each plant is written last
-        used[row[order]], where[row[order]] = size[order], there[order]
-        return used, where
+        return Places(row, there, 2.0 * np.pi * there * self.T * bound / ahead)
 
 
-def _least_between(f: np.ndarray, w: np.ndarray, near: float) -> np.ndarray:
-    """Return |w| with each local minimum below `near` corrected for the smallest |w| between its neighboring lines.
+def _least_between(f: np.ndarray, w: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the local minima of |w| below `near` and the least of each row: rows, lines, and |w| between the lines.
 
     As the slacks of a search are: a resonance traces a circle, whose point nearest to 0 may lie between lines.
     """
@@ -191,8 +215,12 @@ def _least_between(f: np.ndarray, w: np.ndarray, near: float) -> np.ndarray:
     row, k = np.nonzero((size[:, 1:-1] <= size[:, :-2]) & (size[:, 1:-1] <= size[:, 2:]) & (size[:, 1:-1] < near))
     beside = (k, k + 1, k + 2)
     x, values = (np.array([part[row, i] for i in beside]) for part in (np.log(f), w))
-    size[row, k + 1] *= lower_between(x, values)
-    return size
+    every, at = np.arange(len(f)), np.argmin(size, axis=1)
+    return (
+        np.concatenate([every, row]),
+        np.concatenate([at, k + 1]),
+        np.concatenate([size[every, at], size[row, k + 1] * lower_between(x, values)]),
+    )
 
 
 class ScreenedPlants:

@@ -31,7 +31,7 @@ from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Criteria, Limits, bounds_of
 from feeddrive.tuning.operating_point import OperatingPoint, modelled_point
 from feeddrive.tuning.sampled_plants import SampledPlants
-from feeddrive.tuning.screen import Plants, Screen, Used, can_screen
+from feeddrive.tuning.screen import WIDE, Places, Plants, Screen, can_screen
 
 _STARTS = 3  # worst corners from which a search within the box starts
 _NEARLY, _MOST = 0.9, 16  # of the worst: middles of edges from which a search starts; the largest number of them
@@ -77,6 +77,28 @@ class BoxPlants:
         """The corners, the model, middles of edges and plants drawn at random, for the screen."""
         assert self.screen is not None
         return self.screen.plants(tuple(dict.fromkeys((*self.corners, *self.middle, *self.edges, *self.inside))))
+
+    @cached_property
+    def groups(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Which of the plants of the screen are corners, middles of edges, and drawn at random."""
+        known = self.screened.corners
+        of_kind = [set(some) for some in (self.corners, self.edges, self.inside)]
+        corner, edge, inside = (np.array([plant in some for plant in known]) for some in of_kind)
+        return corner, edge, inside
+
+    @cached_property
+    def adjacent(self) -> np.ndarray:
+        """Which plants of the screen are the middle and an end of the same edge, shape (plants, plants)."""
+        known = self.screened.corners
+        number = {corner: i for i, corner in enumerate(known)}
+        adjacent = np.zeros((len(known), len(known)), bool)
+        for edge in self.edges:
+            k = edge.place.index(0.0)
+            for end in (-1.0, 1.0):
+                i = number.get(replace(edge, place=(*edge.place[:k], end, *edge.place[k + 1 :])))
+                if i is not None:
+                    adjacent[i, number[edge]] = adjacent[number[edge], i] = True
+        return adjacent
 
     def coarse(self, corner: Corner) -> OperatingPoint:
         """Return the operating point of a plant, on few lines."""
@@ -143,7 +165,7 @@ class Examination:
         self._known: dict[tuple[int, Corner], Examined] = {}
         # [A B; c d] of a control that can be screened
         self.matrix = self.response.model(())[0] if can_screen(self.response, limits) else None
-        self._screens: dict[int, tuple[np.ndarray, Used]] = {}
+        self._screens: dict[int, tuple[np.ndarray, Mapping[str, Places]]] = {}
         self._screened: dict[int, int] = {}
 
     def at(self, plants: BoxPlants, corners: Iterable[Corner]) -> list[Examined]:
@@ -212,10 +234,11 @@ class Examination:
         if self.matrix is None or plants.screen is None:
             return _sorted(self.at(plants, (*plants.corners, *plants.middle)))
         unstable, used = self._screen(plants)
+        corners = plants.screened.corners
         if np.any(unstable):
             bad = np.flatnonzero(unstable)[:_CHECKED]
-            return _sorted(self.at(plants, [plants.screened.corners[i] for i in bad]))
-        return self._examined(plants, plants.screened.corners, used.used)
+            return _sorted(self.at(plants, [corners[i] for i in bad]))
+        return self._examined(plants, corners, {key: places.largest(len(corners)) for key, places in used.items()})
 
     def searched(self, plants: BoxPlants) -> list[Examined]:
         """Return the worst plants of a box, also between the corners, the worst first."""
@@ -236,15 +259,16 @@ class Examination:
                 self._ascend(plants, start, key)
         return _sorted([found for (place, _), found in self._known.items() if place == id(plants)])
 
-    def _screen(self, plants: BoxPlants) -> tuple[np.ndarray, Used]:
+    def _screen(self, plants: BoxPlants) -> tuple[np.ndarray, Mapping[str, Places]]:
         """Return whether the loop is unstable at each plant that is known from the start, and how limits are used."""
         assert plants.screen is not None
         assert self.matrix is not None
         if id(plants) not in self._screens:
-            self._screened[id(plants)] = len(plants.screened.corners)
-            unstable = plants.screen.unstable(plants.screened, self.matrix)
-            used = plants.screen.used(plants.screened, self.response, self.matrix, self.limits)
-            self._screens[id(plants)] = unstable, used
+            screened = plants.screened
+            self._screened[id(plants)] = len(screened.corners)
+            unstable = plants.screen.unstable(screened, self.matrix)
+            found = plants.screen.each_place(screened, self.response, self.matrix, self.limits)
+            self._screens[id(plants)] = unstable, {limit.figure.key: places for limit, places in found}
         return self._screens[id(plants)]
 
     def _examined(self, plants: BoxPlants, corners: Sequence[Corner], used: Mapping[str, np.ndarray]) -> list[Examined]:
@@ -261,25 +285,22 @@ class Examination:
         return _sorted(self.at(plants, chosen or plants.middle))
 
     def _climb(self, plants: BoxPlants, screen: Screen, key: str) -> None:
-        """Increase the utilization of a limit from many plants at once by steps along the gradient within the box."""
+        """Increase the utilization of a limit from many plants at once by steps along the gradient within the box.
+
+        Each peak of |S| and each crossover is followed on its own: where one of them is the worst at the start, the
+        way to the worst plant may be that of another one.
+        """
         assert self.matrix is not None
-        first, matrix = self._screen(plants)[1], self.matrix
-        used, where, known = first.used[key], first.where[key], plants.screened.corners
+        matrix, known = self.matrix, plants.screened.corners
         n = len(known[0].place)
-        place_of = {corner: i for i, corner in enumerate(known)}
-        ranked = [
-            sorted((place_of[corner] for corner in found), key=lambda i: -used[i])
-            for found in (plants.corners, plants.edges, plants.inside)
-        ]
+        places = self._screen(plants)[1][key]
         # a limit that is hardly used at all of these plants is not exceeded beside them
-        if not n or np.max(used) < _NEARLY:
+        if not n or np.max(places.used, initial=0.0) < _NEARLY:
             return
-        # the middle of an edge is nearly as bad as the worst plant where the worst of the edge lies beside it
-        near = [i for i in ranked[1] if used[i] > _NEARLY * np.max(used)][:_MOST]
-        starts = list(dict.fromkeys([*ranked[0][:_STARTS], *ranked[2][:_STARTS], *near]))
-        places = np.array([known[i].place for i in starts])
-        late = [known[i].late for i in starts]
-        here, middle = used[starts], where[starts]
+        starts = _starts(plants, places)
+        here, middle = places.used[starts], places.frequency[starts]
+        place = np.array([known[i].place for i in places.plant[starts]])
+        late = [known[i].late for i in places.plant[starts]]
 
         def at(rows: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             """Return the utilization at places (rows, trials, dimensions), and the frequency."""
@@ -295,7 +316,7 @@ class Examination:
 
         sizes, rows = np.full(len(starts), _FIRST), np.arange(len(starts))
         for _ in range(_LARGEST):
-            u = places[rows]
+            u = place[rows]
             # inwards, so that every difference is one of plants in the box
             inward = np.where(u > 0.0, -_DIFFERENCE, _DIFFERENCE)
             beside, _where = at(rows, np.concatenate([u[:, None], u[:, None] + inward[:, None] * np.eye(n)], axis=1))
@@ -314,11 +335,11 @@ class Examination:
             each = np.arange(rows.size)
             better = tried[each, best] > beside[moving, 0]
             rows, best, each = rows[better], best[better], each[better]
-            places[rows], here[rows], middle[rows] = there[each, best], tried[each, best], peaks[each, best]
+            place[rows], here[rows], middle[rows] = there[each, best], tried[each, best], peaks[each, best]
             sizes[rows] = np.maximum(1.5 * sizes[rows] * factors[best], _LEAST)
             if not rows.size:
                 break
-        ends = [Corner(tuple(u), k) for u, k in zip(places.tolist(), late, strict=True)]
+        ends = [Corner(tuple(u), k) for u, k in zip(place.tolist(), late, strict=True)]
         self._examined(plants, ends, {key: here})
 
     def _ascend(self, plants: BoxPlants, here: Examined, key: str) -> None:
@@ -345,6 +366,32 @@ class Examination:
             # an unstable plant is as bad as can be: nothing is found beyond
             if not moved or not np.isfinite(here.used):
                 return
+
+
+def _starts(plants: BoxPlants, places: Places) -> np.ndarray:
+    """Return the places from which a limit is climbed: of each peak or crossover those at the worst plants.
+
+    A corner, or the middle of an edge, is a start if the same peak is lower at all plants that an edge joins to it;
+    of corners and of plants drawn at random the worst are, too.  Two peaks are the same if their frequencies differ by
+    less than a search follows.
+    """
+    high = np.flatnonzero(places.used > _NEARLY * np.max(places.used))
+    # the worst first; a peak that is computed twice, on a line and between lines, counts once
+    high = high[np.argsort(-places.used[high], kind="stable")]
+    plant, x = places.plant[high], np.log(places.frequency[high])
+    same = np.abs(x[:, None] - x) < WIDE
+    before = np.tri(high.size, k=-1, dtype=bool)
+    single = ~np.any(before & same & (plant[:, None] == plant), axis=1)
+    lower = np.any(before & same & plants.adjacent[plant[:, None], plant], axis=1)
+    corner, on_edge, inside = (numbers[plant] for numbers in plants.groups)
+    found = np.flatnonzero(single & ~lower & (corner | on_edge))[:_MOST].tolist()
+    for group in (corner, inside):
+        chosen = list[int]()
+        for i in np.flatnonzero(single & group).tolist():
+            if np.count_nonzero(same[i, chosen]) < _STARTS:
+                chosen.append(i)
+        found += chosen
+    return high[list(dict.fromkeys(found))]
 
 
 def _moved(corner: Corner, place: np.ndarray) -> Corner:
