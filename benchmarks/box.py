@@ -278,9 +278,9 @@ def law_response(law: Sequence[np.ndarray], f: np.ndarray, T: float) -> np.ndarr
             x[k] /= z - form[k, k]
             x[:k] += form[:k, k, None] * x[k]
         out[i] = left @ x + d[i]
-    # lines far below every crossover are not compared (`Draws.peaks` sees that they are): six integrators in a row, as of
-    # GPI with five Taylor states, leave few digits there.  Where the law has k times its usual gain, so has the loop, and
-    # |1/(1 + L)| is k times smaller and bears k times the error
+    # lines far below every crossover are not compared (`Draws.peaks` sees that they are): six integrators in a row, as
+    # of GPI with five Taylor states, leave few digits there.  Where the law has k times its usual gain, so has the
+    # loop, and |1/(1 + L)| is k times smaller and bears k times the error
     above = np.flatnonzero(f.ravel() > SLOW / (2.0 * T))
     lines = above[:: max(1, above.size // 50)]
     unit, rows = np.eye(len(A)), (B / scale[:, None]).astype(complex)
