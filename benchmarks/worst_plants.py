@@ -24,7 +24,6 @@ import numpy as np
 from box import Draws, closed_eigenvalues, linear_law, spread
 
 import feeddrive as fd
-from feeddrive.blocks.catalogue import find
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
 from feeddrive.blocks.families import Plant
 from feeddrive.figures.of_loops import SENSITIVITY_PEAK
@@ -42,7 +41,7 @@ from feeddrive.tuning.worst import box_plants, worst_plants
 LAWS = ("P-PI", "P-PI", "P-PI", "pole placement", "LADRC", "LQG", "GPI, 1 Taylor state")
 KINDS = ("rigid", "two_mass", "two_mass", "three_mass_chain", "modal", "modal")
 BOUND, VELOCITY = 2.0, 0.05
-MOVED, WIDTH = 3, 0.06  # controls beside each tuned one, and the deviation of ln of their gains
+WIDTH = 0.06  # deviation of ln of the gains of a control beside a tuned one
 ROOM = 1e-3  # of Ms: what a search may miss; the tuner keeps as much in reserve
 GROWS = 1e-5  # of |z|: a pole as near to 1 may be on either side of it, by differences of floats
 DRAWS, SEED = 1500, 7
@@ -65,7 +64,7 @@ def of_plant(kind: str, random: np.random.Generator) -> Plant:
     given: dict[str, Any]
     viscous = mass * random.uniform(0.5, 10.0)
     if kind == "rigid":
-        return find(Plant, kind)(mass=mass, viscous=viscous)
+        return fd.blocks.Rigid(mass=mass, viscous=viscous)
     rates = 2.0 * np.pi * np.exp(random.uniform(np.log(15.0), np.log(400.0), 3))
     ratios = 10.0 ** random.uniform(-2.3, -1.3, 3)
     if kind == "modal":
@@ -79,7 +78,7 @@ def of_plant(kind: str, random: np.random.Generator) -> Plant:
             )
             for rate, ratio in zip(rates[: random.integers(1, 3)], ratios, strict=False)
         ]
-        return find(Plant, kind)(mass=mass, viscous=viscous, modes=tuple(modes))
+        return fd.blocks.Modal(mass=mass, viscous=viscous, modes=tuple(modes))
     shares = random.dirichlet(np.full(3 if kind == "three_mass_chain" else 2, 3.0)) * mass
     given = {"mass_motor": shares[0], "mass_load": shares[-1], "viscous_motor": viscous, "viscous_load": 0.1 * viscous}
     # a spring between two masses: of the resonance of both alone
@@ -88,8 +87,9 @@ def of_plant(kind: str, random: np.random.Generator) -> Plant:
     dampers = [2.0 * ratio * m * rate for m, rate, ratio in zip(reduced, rates, ratios, strict=False)]
     given |= {"stiffness": springs[-1], "damping": dampers[-1]}
     if kind == "three_mass_chain":
-        given |= {"mass_screw": shares[1], "coupling_stiffness": springs[0], "coupling_damping": dampers[0]}
-    return find(Plant, kind)(**given)
+        coupling = {"mass_screw": shares[1], "coupling_stiffness": springs[0], "coupling_damping": dampers[0]}
+        return fd.blocks.ThreeMassChain(**given, **coupling)
+    return fd.blocks.TwoMass(**given)
 
 
 def drawn_loop(random: np.random.Generator) -> tuple[str, Loop, Box]:
@@ -121,7 +121,7 @@ def drawn_loop(random: np.random.Generator) -> tuple[str, Loop, Box]:
     return name, with_notch_and_low_pass(offered[name]), box
 
 
-def tuned_cases(count: int, seed: int) -> Iterator[Case]:
+def tuned_cases(count: int, seed: int, beside: int) -> Iterator[Case]:
     """Yield drawn loops under a control that is tuned over their box, and under others beside it."""
     for i in range(count):
         random = np.random.default_rng((seed, i))
@@ -132,9 +132,9 @@ def tuned_cases(count: int, seed: int) -> Iterator[Case]:
             print(f"case {i}: {str(error)[:140]}", file=sys.stderr, flush=True)
             continue
         yield Case(name, replace(loop, control=found.control), box, tuned=found.holds is not False)
-        for _ in range(MOVED):
-            names = [path for path, value in tree.leaves(found.control) if path.startswith(("law.", "filters.")) and value]
-            moved = {path: float(tree.get(found.control, path)) * float(np.exp(WIDTH * random.standard_normal())) for path in names}
+        gains = {path: value for path, value in tree.leaves(found.control) if path.startswith(("law.", "filters."))}
+        for _ in range(beside):
+            moved = {path: x * float(np.exp(WIDTH * random.standard_normal())) for path, x in gains.items() if x}
             try:
                 yield Case(name, replace(loop, control=tree.vary(found.control, moved)), box, tuned=False)
             except FeeddriveError:
@@ -177,8 +177,7 @@ def true_peak(case: Case) -> tuple[float, np.ndarray]:
         there = np.clip(place[best][:, None] + steps, -1.0, 1.0).reshape(-1, place.shape[1])
         lates = np.repeat(late[best], AROUND)
         place, late, peaks = (
-            np.concatenate(pair)
-            for pair in ((place, there), (late, lates), (peaks, of(there, lates)))
+            np.concatenate(pair) for pair in ((place, there), (late, lates), (peaks, of(there, lates)))
         )
     at = int(np.argmax(peaks))
     return float(peaks[at]), np.array([*place[at], late[at]])
@@ -189,16 +188,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--beside", type=int, default=3, help="controls beside each tuned one")
     parser.add_argument("--keep", type=Path, help="file for the controls")
     parser.add_argument("--kept", type=Path, help="controls that were kept")
     asked = parser.parse_args()
-    cases = pickle.loads(asked.kept.read_bytes()) if asked.kept else tuned_cases(asked.count, asked.seed)
+    cases = pickle.loads(asked.kept.read_bytes()) if asked.kept else tuned_cases(asked.count, asked.seed, asked.beside)
     kept, rows, seconds = list[Case](), list[tuple[bool, float, float]](), 0.0
     for case in cases:
         begun = time.process_time()
         found = searched(case)
         seconds += time.process_time() - begun
-        true, place = true_peak(case)
+        try:
+            true, place = true_peak(case)
+        except AssertionError:  # of `box.py`, which compares its sums over modes with solved systems
+            print(f"{case.law}, {case.loop.axis.plant.kind}: left out, two of its poles are nearly equal", flush=True)
+            continue
         kept.append(case)
         if not np.isfinite(found):
             continue

@@ -197,6 +197,17 @@ def test_a_plant_that_resonates_between_the_images_is_refused(table: Document) -
         changed["uncertain"][2][name] *= 300.0
     with pytest.raises(box_check.RefusedError, match=r"is not proven|may have a pole|beyond two sample rates"):
         box_check.verified(signed(changed))
+    # the mode lies at about 4.65 rad per sample, of which 1.63 is an image
+    control = box_check.control_of(changed["control"])
+    bodies = box_check.bodies_of(changed, control.readings)
+    cells = box_check.Cells(bodies, control, None)
+    frequencies = box_check.Frequencies(bodies, control, cells.degree, cells.largest, 0)
+    beside, there = (
+        frequencies.at(*(box_check.fixed(Fraction(x)) for x in ends)) for ends in ((0.5, 0.501), (1.63, 1.631))
+    )
+    assert all(tail < ONE for tail in cells.tails(cells.corners, beside))
+    with pytest.raises(box_check.RefusedError, match="an image of the cell may have a pole"):
+        cells.tails(cells.corners, there)
 
 
 @pytest.mark.parametrize("content", [
@@ -270,6 +281,33 @@ def test_every_function_of_frequency_is_within_its_bounds(table: Document) -> No
             if low == 3.0:
                 assert bound / ONE < 1.2 * images
     assert T == 2e-4
+
+
+@pytest.mark.parametrize(("dead", "bandwidth"), [(0.0, None), (30.4, None), (0.4, 300.0)])
+def test_the_drive_alone_is_within_its_bounds(dead: float, bandwidth: float | None) -> None:
+    """G without the control, whose own rest would hide that of the hold, of the dead time or of the current loop."""
+    loop = two_masses(dead, bandwidth)
+    model = deployed(loop.control, float(loop.sample_time)).model
+    assert isinstance(model, StateSpace)
+    content = box_proof.stated(loop, Box(0.1, 0.1, 0), model)
+    control = box_check.control_of(content["control"])
+    bodies = box_check.bodies_of(content, control.readings)
+    frequencies, lag, sharp = box_check.Frequencies(bodies, control, 4, ONE, 0), float(bodies.lag or 0), list[float]()
+    for low, high in ((0.0, 0.2), (1e-3, 2e-3), (0.5, 0.6), (2.9, math.pi)):
+        first, last = (box_check.fixed(Fraction(x)) for x in (low, high))
+        theta = (first + last) // 2
+        delta, half = max(last - theta, theta - first), box_check.turned(theta // 2)
+        line = frequencies._drive(theta, half._replace(radius=half.radius + 1), delta)
+        for x in np.linspace(low, high, 9)[[*range(4), *range(5, 9)]].tolist():
+            s = 1j * (x or 1e-12)
+            G = (1.0 - cmath.exp(-s)) / s * cmath.exp(-s * dead) * (lag / (lag + s) if lag else 1.0)
+            straight = complex(line.re, line.im) / ONE + complex(line.slope_re, line.slope_im) / ONE * (
+                x - 0.5 * (low + high)
+            )
+            # 1e-13: of the floats with which it is compared; the difference of 1 and e^-s near 0 is known to 1e-4
+            assert abs(straight - G) <= line.rest / ONE * (1.0 + 1e-9) + (1e-13 if x > 0.0 else 2e-4)
+            sharp.append(abs(straight - G) * ONE / line.rest)
+    assert max(sharp) > 0.4
 
 
 def test_what_the_images_may_add_is_taken_from_every_cell(motor: Document, monkeypatch: pytest.MonkeyPatch) -> None:

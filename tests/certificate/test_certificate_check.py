@@ -191,7 +191,7 @@ CHANGES = [
     (beyond_all, "out of range"),
     (ragged, "length"),
     (no_plants, "no plant"),
-    (no_outside, "no outside"),
+    (no_outside, "its entry 'outside' is missing"),
     (silent, "saturation and friction as outside"),
     (direct, "responds without delay"),
     (a_word, "reserve is not a number"),

@@ -62,6 +62,41 @@ def test_a_screen_finds_what_an_examination_finds(machine: str) -> None:
                 assert sizes[i] == pytest.approx(plant.of(key), rel=0.02), (key, plant.name)
 
 
+def test_each_place_of_a_limit_is_one_of_the_plant() -> None:
+    """Peaks of |S| against those on dense lines, crossovers where |L| is 1; the largest is that of the plant."""
+    loop = loop_of("machining_center")
+    plants = box_plants(Box(0.1, 0.15, 1), loop, "model", 0.05)
+    examination = Examination(loop.control, float(loop.sample_time), LIMITS, 0.05)
+    screen, matrix = plants.screen, examination.matrix
+    assert screen is not None
+    assert matrix is not None
+    some = screen.plants(plants.corners)
+    given = some, examination.response, matrix, LIMITS
+    whole = screen.used(*given)
+    places = {limit.figure.key: found for limit, found in screen.each_place(*given)}
+    assert set(places) == set(whole.used)
+    for key, found in places.items():
+        assert np.array_equal(found.largest(len(plants.corners)), whole.used[key])
+    f = np.geomspace(1.0, 0.499 / screen.T, 20_000)
+    several = 0
+    for i, corner in enumerate(plants.corners):
+        response = screen.sampled.held(np.array([corner.place])).at(f[None], np.array([corner.late]))[0]
+        C = examination.response.of_model(matrix, f).value
+        L = -(C[0] * response[0] + C[1] * response[1])
+        size = 1.0 / np.abs(1.0 + L)
+        for key, y in ((SENSITIVITY_PEAK.key, size / 2.0), (DELAY_MARGIN.key, np.abs(L))):
+            if key == SENSITIVITY_PEAK.key:
+                true = f[1:-1][(size[1:-1] > size[:-2]) & (size[1:-1] > size[2:]) & (size[1:-1] > 1.05)]
+            else:
+                true = f[:-1][(y[:-1] - 1.0) * (y[1:] - 1.0) < 0.0]
+            there = places[key].frequency[places[key].plant == i]
+            several += true.size > 1
+            for place in true:
+                # a line of the screen is at most 3 % away
+                assert np.min(np.abs(np.log(there / place))) < 0.03
+    assert several > 10
+
+
 def test_instability_is_that_of_one_loop_at_a_time() -> None:
     loop = loop_of("ball_screw")
     plants = box_plants(Box(), loop, "model", 0.05)

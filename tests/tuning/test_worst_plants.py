@@ -11,6 +11,8 @@ import pytest
 import feeddrive as fd
 from feeddrive.analysis.stability import stability
 from feeddrive.blocks.controller.cascade_ppi import CascadePPI
+from feeddrive.blocks.filter.low_pass2 import LowPass2
+from feeddrive.blocks.filter.notch import Notch
 from feeddrive.blocks.signals import Setpoint
 from feeddrive.figures.of_loops import DELAY_MARGIN, ROPE_SNAP, SENSITIVITY_PEAK
 from feeddrive.language import tree
@@ -19,15 +21,15 @@ from feeddrive.language.progress import Progress
 from feeddrive.loop.box import Box, Corner
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
-from feeddrive.tuning import criteria, tune
+from feeddrive.tuning import criteria, tune, worst
 from feeddrive.tuning.candidates import candidates
 from feeddrive.tuning.control_response import ControlResponse
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.operating_point import modelled_point
-from feeddrive.tuning.screen import ScreenedPlants
+from feeddrive.tuning.screen import Places, ScreenedPlants
 from feeddrive.tuning.search import Search
 from feeddrive.tuning.tune import Tuned, Tuner, Verdict, assess, tune_control
-from feeddrive.tuning.worst import Examination, Examined, OverBox, box_plants, over_box, worst_plants
+from feeddrive.tuning.worst import Examination, Examined, OverBox, _starts, box_plants, over_box, worst_plants
 from independent_box import box_draws
 
 # largest relative difference of Ms of the tuner, by interpolation between lines, and refined at its peak
@@ -108,6 +110,82 @@ def test_a_worst_plant_between_the_corners_is_found(table: Loop) -> None:
     best = max(examination.at(plants, grid), key=lambda plant: plant.used)
     assert found.used >= best.used * (1.0 - 1e-4)
     assert found.used >= corners.used
+
+
+@pytest.fixture(scope="module")
+def head() -> Loop:
+    """A hanging axis under P-PI as it was tuned over its box: several peaks of |S| of several plants are equally high.
+
+    At the corner with all masses at their upper end the resonance is the highest peak, and the fourth of all corners.
+    Half way along the edge to the next one it is the second peak; between both the worst plant lies.
+    """
+    loop = fd.read_machine("machining_center").loop("z")
+    law = CascadePPI(Kv=116.4974, Kp=104_099.28, Tn=0.01038138)
+    filters = (
+        Notch(frequency=235.23328, damping_zero=0.25777221, damping_pole=0.51098878),
+        LowPass2(frequency=2250.0, damping=0.37622318),
+    )
+    return replace(loop, control=Control(law=law, filters=filters))
+
+
+def test_the_worst_plant_is_found_where_another_peak_is_the_highest_one_beside_it(
+    head: Loop, draws: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    box, climbed = Box(0.2, 0.2, 1), list[Places]()
+    monkeypatch.setattr(worst, "_starts", lambda plants, places: (climbed.append(places), _starts(plants, places))[1])
+    found = worst_plants(head.control, [box_plants(box, head, "model", 0.05)], Limits(sensitivity_peak=2.0))[1][0]
+    along = np.linspace(-1.0, 1.0, 81)
+    edge = np.stack([along, np.ones(81), -np.ones(81)], axis=1)
+    independent = draws.Draws(head, box, at=(edge, np.ones(81, int)))
+    peaks = independent.peaks(draws.linear_law(head.control, independent.T, 0.05))
+    # the middle and both ends are lower than what the limit allows, the worst plant is not
+    assert max(peaks[[0, 40, 80]]) < 2.0 < 2.003 < max(peaks)
+    # 1e-4: the peak between the lines of the tuner
+    assert 2.0 * found.used == pytest.approx(max(peaks), rel=1e-4)
+    assert found.corner.late == 1
+    assert found.corner.place == pytest.approx((along[int(np.argmax(peaks))], 1.0, -1.0), abs=0.05)
+    # both peaks of the middle of the edge are known to the climb, the lower one too
+    middle = box_plants(box, head, "model", 0.05).screened.corners.index(Corner((0.0, 1.0, -1.0), 1))
+    there = climbed[0].frequency[climbed[0].plant == middle]
+    assert np.any((there > 55.0) & (there < 70.0))
+    assert np.any((there > 200.0) & (there < 220.0))
+
+
+def test_a_search_starts_from_each_peak_at_its_worst_plants(head: Loop) -> None:
+    """The middle of an edge where the same peak is lower at both ends; of each peak the worst corners and draws."""
+    plants = box_plants(Box(0.2, 0.2, 1), head, "model", 0.05)
+    known = plants.screened.corners
+    used = dict.fromkeys(known, 0.5)
+    edge, end, other = (Corner((u, 1.0, -1.0), 1) for u in (0.0, 1.0, -1.0))
+    ranked = [corner for corner in plants.corners if corner not in (end, other)][:5]
+    used |= {edge: 0.98, end: 0.97, other: 0.96, **{corner: 0.95 - 0.005 * i for i, corner in enumerate(ranked)}}
+    drawn = [corner for corner in plants.inside if corner not in (*plants.corners, *plants.edges)][:5]
+    used |= {corner: 0.94 - 0.005 * i for i, corner in enumerate(drawn)}
+
+    def starts(second: dict[Corner, float]) -> list[tuple[Corner, float]]:
+        """From a peak at 100 Hz of all plants, of one twice, and one at another frequency of some."""
+        rows = [*((known.index(corner), 100.0, size) for corner, size in used.items()),
+                (known.index(drawn[0]), 100.5, used[drawn[0]] - 1e-4),
+                *((known.index(corner), 300.0, size) for corner, size in second.items())]  # fmt: skip
+        places = Places(*(np.array(column) for column in zip(*rows, strict=True)))
+        return [(known[places.plant[i]], float(places.frequency[i])) for i in _starts(plants, places)]
+
+    found = starts({})
+    assert found[0] == (edge, 100.0)
+    assert {corner for corner, _ in found if corner in plants.corners} >= {end, other, ranked[0]}
+    assert {corner for corner, _ in found if corner in drawn} == set(drawn[:3])
+    assert not {corner for corner, _ in found} & {corner for corner, size in used.items() if size == 0.5}
+    # a fourth corner is a start only if no edge leads from it to a higher plant
+    assert all(corner in (end, other) or corner in ranked for corner, _ in found if corner in plants.corners)
+    # a second peak has starts of its own, however high the first one is there
+    assert (edge, 300.0) in starts({edge: 0.93, end: 0.92})
+    assert (edge, 300.0) not in starts({edge: 0.93, end: 0.935})
+    assert (end, 300.0) in starts({edge: 0.93, end: 0.935})
+    assert (drawn[4], 300.0) in starts({drawn[4]: 0.92})
+    # below a tenth less than the largest nothing is climbed
+    assert not {f for _, f in starts({edge: 0.88})} - {100.0}
+    used[end] = 0.985
+    assert (edge, 100.0) not in starts({})
 
 
 def test_a_limit_that_is_used_up_everywhere_hides_no_other(table: Loop) -> None:
