@@ -1,7 +1,7 @@
 """Remakes pictures and tables of docs/five_axes.md: a held tip, the parts of the joints, what errors of axes draw.
 
 python docs/draw_five_axes.py            docs/images/held_tip.svg and tip_joints.svg
-python docs/draw_five_axes.py --tables   the waves of location errors; the loops of three machines
+python docs/draw_five_axes.py --tables   the waves of location errors; the loops of four machines
 """
 
 import argparse
@@ -79,7 +79,7 @@ def main() -> None:
     if options.parse_args().tables:
         heads = [Column("machine, joint"), *(f"E_{name}" for name in ("X0", "Y0", "Z0", "A0", "B0", "C0"))]
         print(Table("Waves of 10 um or 10 urad, radial / tangential / axial", heads, list(waves())))
-        for machine in ("trunnion_ac", "head_table_bc", "fork_head_cb"):
+        for machine in ("trunnion_ac", "head_table_bc", "fork_head_cb", "nutating_head_bc"):
             found = tip(machine)
             print(machine, f"95 % within {1e6 * found.contour.within():.1f} um", found.table(), sep="\n")
         return

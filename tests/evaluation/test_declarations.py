@@ -26,6 +26,7 @@ from feeddrive.language.errors import CancelledError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.workflow.benchmark import BenchmarkRequest, benchmark
 from feeddrive.workflow.compare import CompareRequest, compare
+from feeddrive.workflow.evaluated import engine_of
 from feeddrive.workflow.run_job import RunRequest, run
 
 if TYPE_CHECKING:
@@ -152,6 +153,22 @@ def test_a_comparison_that_was_stopped_is_resumed(tmp_path: Path) -> None:
     compare.run(CompareRequest("linear_motor", out=tmp_path / "never", **asked), told)
     assert "P-PI: as it was kept" not in told.steps
     assert files(out) == files(tmp_path / "never")
+
+
+def test_ctrl_c_leaves_the_finished_cases_and_says_so(tmp_path: Path) -> None:
+    """An interrupt between two looks at the progress is a `KeyboardInterrupt`, which said that nothing was written."""
+    out, asked = tmp_path / "out", CompareRequest("linear_motor", out=tmp_path / "out")
+    with pytest.raises(KeyboardInterrupt), engine_of(asked, None, out):
+        raise KeyboardInterrupt
+    kept = tmp_path / "out_cases" / "p_pi-0123456789abcdef.json"
+    kept.parent.mkdir()
+    kept.write_text("{}", encoding="utf-8")
+    with (
+        pytest.raises(CancelledError, match=r"stopped; finished cases in .*out_cases: 1; go on with --resume"),
+        engine_of(asked, None, out),
+    ):
+        raise KeyboardInterrupt
+    assert kept.exists()
 
 
 def test_a_stopped_comparison_begins_anew_without_resume(tmp_path: Path) -> None:

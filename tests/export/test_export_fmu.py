@@ -96,7 +96,7 @@ def answers(one: Played, inputs: np.ndarray, changes: dict[int, dict[str, float]
 
 
 MACHINES = sorted(each.stem for each in (BUNDLED / "machines").glob("*.toml"))
-AXES_MORE = ("mill", "machining_center", "head_table_bc", "fork_head_cb")
+AXES_MORE = ("mill", "machining_center", "head_table_bc", "fork_head_cb", "nutating_head_bc")
 
 
 @pytest.mark.parametrize(

@@ -194,6 +194,28 @@ def test_a_log_that_teaches_nothing(case: str) -> None:
         learn_from_log(machine(), PLAN, make())
 
 
+def with_rows(rows: int, away: float = 0.0) -> PartLog:
+    """The log with more rows behind the plan, of which the set position of y is away from its end, m."""
+    longer = {
+        name: {axis: np.append(row, np.full(rows, row[-1])) for axis, row in getattr(LOG, name).items()}
+        for name in ("set_position", "position", "force")
+    }
+    longer["set_position"]["y"][-1] += away
+    tripped = {"x": np.arange(LOG.position["x"].size + rows) > LOG.position["x"].size}
+    return replace(LOG, **longer, tripped=tripped)
+
+
+def test_the_rest_behind_the_plan_is_no_part_of_the_log() -> None:
+    """Exported setpoints end with 20 ms at rest; a control logs them, and is switched off there."""
+    rested = learn_from_log(machine(), PLAN, with_rows(40))
+    plain = learn_from_log(machine(), PLAN, LOG)
+    assert rested.history == plain.history
+    for axis, force in plain.correction.forces.items():
+        assert np.array_equal(rested.correction.forces[axis], force)
+    with pytest.raises(LogError, match=r"the plan .*: cut the log to the program"):
+        learn_from_log(machine(), PLAN, with_rows(40, 1e-6))
+
+
 def test_the_range_of_shares() -> None:
     assert (LEAST_SHARE, MOST_SHARE) == (0.3, 1.6)
 

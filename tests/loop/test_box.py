@@ -49,10 +49,10 @@ def test_the_text_of_a_box_is_read_as_this_box(box: Box) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("stifness=0.2", "'stifness=0.2' is none of stiffness, mass, dead_time with a value; did you mean stiffness"),
+        ("stifness=0.2", "'stifness=0.2' is no tolerance with a value; did you mean stiffness"),
         ("mass", "mass has no value: write it as stiffness=0.2,mass=0.3,dead_time=1sample"),
         ("mass=", "mass has no value"),
-        ("0.2", "'0.2' is none of stiffness, mass, dead_time with a value"),
+        ("0.2", "'0.2' is no tolerance with a value; there are: stiffness, mass, dead_time; write"),
         ("mass=1", "mass = 1.0 must be a share >= 0 and < 1"),
         ("mass=-0.1", "mass = -0.1 must be a share >= 0 and < 1"),
         ("mass=heavy", "mass = heavy is not a number"),

@@ -162,12 +162,13 @@ def test_what_the_proof_refuses_at_first_costs_less_than_a_percent(monkeypatch: 
     assert 1.0 < proven / lifted_curve(45) < 1.01
 
 
-def test_the_last_penalty_costs_two_thousandths_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Against a fiftieth of the penalty; a penalty μ of a share costs about μ of the time spent at it."""
+def test_the_last_penalty_costs_four_thousandths_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against a fortieth of the penalty; a penalty μ of a share costs about μ of the time spent at it."""
+    monkeypatch.setattr(lift, "faults_of", lambda *_: np.zeros((0, 5)))
     found = lifted_curve(33)
     monkeypatch.setattr(lift, "_NEAREST", 1e-4)
     monkeypatch.setattr(lift, "_STEPS", 400)
-    assert 1.001 < found / lifted_curve(33) < 1.0035
+    assert 1.0025 < found / lifted_curve(33) < 1.0055
 
 
 def test_the_steps_suffice_to_reach_the_optimum(monkeypatch: pytest.MonkeyPatch) -> None:

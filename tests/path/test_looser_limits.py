@@ -201,13 +201,3 @@ def test_a_circle_without_a_limit_of_the_jerk_uses_the_acceleration_throughout()
 def test_plateaus_stay_six_ten_millionths_below_the_feed() -> None:
     pieces = lines(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]), 0.1)
     assert 4e-7 < 1.0 - float(np.max(plan_run(pieces, LIMITS).speed)) / 0.1 < 1e-6
-
-
-def test_a_motion_is_lifted_from_a_third_of_a_percent_of_half_a_ramp_on() -> None:
-    """The first phase hardly moves where the snap is loose; a tenth of it is kept where it is longer."""
-    pieces = lines(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]), 0.1)
-    number, t = lift._Path(pieces, LIMITS)._near_rest(np.array([1e-6, 0.04, 1e-6, 0.06, 1.0]))
-    assert number == 1
-    assert 0.002 < t / 0.1 < 0.004
-    number, t = lift._Path(pieces, LIMITS)._near_rest(np.array([0.02, 0.02, 0.02, 0.04, 1.0]))
-    assert (number, t) == (0, pytest.approx(0.002))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from dataclasses import replace
+import tomllib
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,9 @@ import feeddrive as fd
 from feeddrive.cli import commands
 from feeddrive.export.linuxcnc_session import session
 from feeddrive.files.machine import machine_toml, planned_limits, read_machine
+from feeddrive.files.part_program import SAME_OPTIONS, PartProgramSection
 from feeddrive.language import tree
+from feeddrive.language.block import declarations, defaults
 from feeddrive.language.errors import CancelledError, FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.path import setpoints
@@ -252,11 +255,13 @@ def test_options_that_are_too_small_are_named(tmp_path: Path) -> None:
     assert "must be >= 0.001 ms" in refused(tmp_path, PART, sample_time=1e-9)
 
 
-@pytest.mark.parametrize("text", ["", "%\n%\n", "(nothing)\n; at all\n", "M3 S100\nM2\n"])
-def test_a_program_that_does_not_move_has_a_report_too(text: str, tmp_path: Path) -> None:
-    found = fd.workflow.plan(part(tmp_path, text), machine="xy_table", out=tmp_path / "out")
-    assert (found.cycle_time, found.blocks) == (0.0, 0)
-    assert "The cycle takes 0 s" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+@pytest.mark.parametrize("text", ["", "%\n%\n", "(nothing)\n; at all\n", "M3 S100\nM2\n", "G21 G1 X0 F100\n"])
+def test_a_program_that_does_not_move_is_refused(text: str, tmp_path: Path) -> None:
+    """An empty file is no program: setpoints of no rows would look like a plan."""
+    assert refused(tmp_path, text).startswith("part.ngc: no block moves an axis, so there is nothing to plan")
+    assert not (tmp_path / "out").exists()
+    # a dwell lasts: the axes are held
+    assert fd.workflow.plan(part(tmp_path, "G4 P0.1\nM2\n"), machine="xy_table").cycle_time == pytest.approx(0.1)
 
 
 def test_limits_of_a_file_replace_those_of_the_machine(tmp_path: Path) -> None:
@@ -406,6 +411,52 @@ def test_a_job_takes_a_program_as_the_reference_of_all_axes(tmp_path: Path) -> N
         np.testing.assert_array_equal(np.array(reference.at(log.time)), np.array(rows))
 
 
+OPTIONS: dict[str, dict[str, Any]] = {
+    "xy_table": {
+        "tolerance": 5e-5,
+        "dynamics": "80,50,50",
+        "override": "0.05:50, 0.2:120",
+        "start": "X=1, Y=2",
+        "from_line": 2,
+        "parameters": "_far=7",
+        "front_end": "own",
+        "skip_deleted": True,
+    },
+    "trunnion_ac": {"orientation": "vector", "angle_tolerance": 1e-3, "purpose": "roughing"},
+}
+TEXTS = {
+    "xy_table": "G21 G90 G1 X5 F2000\nG1 X#<_far> Y5\n/X100\nX2\nM2\n",
+    "trunnion_ac": "G21 G90 G43.5 F2000\nG0 I0.1 K1\nG1 X2 I0.4 J0.2 K1\nX4 I0.1 J0.3 K1\nM2\n",
+}
+
+
+@pytest.mark.usefixtures("no_report")
+@pytest.mark.parametrize("machine", OPTIONS)
+def test_the_job_of_a_plan_has_its_options_and_its_motion(machine: str, tmp_path: Path) -> None:
+    """All bits of position to snap; and what the job says is what the options said."""
+    options, program = OPTIONS[machine], part(tmp_path, TEXTS[machine])
+    plan(program, machine=machine, out=tmp_path / "out", **options)
+    section = tomllib.loads((tmp_path / "out" / "job.toml").read_text(encoding="utf-8"))["program"]
+    assert section == {"file": str(program), **options}
+    job = fd.read_job(tmp_path / "out" / "job.toml")
+    log = fd.read_log(tmp_path / "out" / "setpoints.parquet")
+    references = {job.axis: job.reference, **{axis: other.reference for axis, other in job.others.items()}}
+    for axis, reference in references.items():
+        assert reference is not None
+        rows = [log[f"{axis}.set_{name}"] for name in ("position", "velocity", "acceleration", "jerk", "snap")]
+        np.testing.assert_array_equal(np.array(reference.at(log.time)), np.array(rows))
+
+
+def test_each_option_of_a_plan_is_one_of_a_job() -> None:
+    """But those of the machine and of the command itself; a job has the sample time of its machine."""
+    command = {"program", "machine", "sample_time", "longest", "most_cpu", "threads", "watch", "no_pictures", "out"}
+    names = {field.name for field in fields(PlanRequest)}
+    assert names - command == set(declarations(PartProgramSection)) - {"file"}
+    assert set(SAME_OPTIONS) <= names
+    usual = defaults(PartProgramSection)
+    assert all(usual[field.name] == field.default for field in fields(PlanRequest) if field.name in SAME_OPTIONS)
+
+
 @pytest.mark.slow(reason="a machine of two axes is compiled, with margins and stiffness: 10 s")
 def test_a_job_runs_a_program_and_can_be_repeated(tmp_path: Path) -> None:
     """Both axes follow in one run; the job in the results gives the same figures."""
@@ -424,6 +475,18 @@ def test_a_job_runs_a_program_and_can_be_repeated(tmp_path: Path) -> None:
     [
         ("", r"program.file is missing"),
         ('file = "part.ngc"\nspeed = 3', r"job.toml:5: key 'program.speed'"),
+        ('file = "part.ngc"\ntolerance_mm = 2000', r"job.toml:5: program.tolerance: the tolerance of 2000 mm is more"),
+        ('file = "part.ngc"\nangle_tolerance_deg = 1', r"job.toml:5: program.angle_tolerance is for axes that turn"),
+        ('file = "part.ngc"\ndynamics = "150"', r"job.toml:5: program.dynamics: '150': the shares"),
+        (
+            'file = "part.ngc"\norientation = "planes"',
+            r'job.toml:5: program.orientation = .* "axes", "plane"',
+        ),
+        ('file = "part.ngc"\noverride = "1:0"', r"job.toml:5: program.override: the last factor is 0"),
+        ('file = "part.ngc"\noverride = "1"', r"job.toml:5: program.override: '1' is no step"),
+        ('file = "part.ngc"\nfrom_line = 0', r"job.toml:5: program.from_line = 0 .* must be >= 1"),
+        ('file = "part.ngc"\nstart = "C=3"', r"job.toml:5: program.start: the machine has no axis C; it has X, Y"),
+        ('file = "part.ngc"\nparameters = "_a"', r"job.toml:5: program.parameters: '_a' is no name with a number"),
         ('file = "none.ngc"', "program.file = 'none.ngc': there is no such file beside the job"),
         ('file = "part.ngc"\n[reference]\nkind = "circle"', r"not \[reference\] and \[program\]"),
         ('file = "part.ngc"\n[others.x.reference]\nkind = "circle"', "others.x.reference"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -68,7 +69,8 @@ def test_options_replace_what_the_purpose_sets(tmp_path: Path) -> None:
     assert record["purpose"] == "precision"
     assert record["tolerance_m"] == 1e-4
     assert record["replaced_by_options"] == ["--tolerance", "--dynamics"]
-    assert not (tmp_path / "o" / "job.toml").exists(), "a job has neither option"
+    section = tomllib.loads((tmp_path / "o" / "job.toml").read_text(encoding="utf-8"))["program"]
+    assert (section["purpose"], section["tolerance"], section["dynamics"]) == ("precision", 1e-4, "100")
 
 
 def test_tolerances_of_the_program_stand(tmp_path: Path) -> None:

@@ -226,6 +226,29 @@ ENDE: M30
     ]
 
 
+def test_a_case_jumps_by_a_whole_number(tmp_path: Path) -> None:
+    """Every branch once, DEFAULT for two values; a number that no branch has goes on where no DEFAULT stands."""
+    text = (
+        "G1 F1000\n"
+        "DEF INT K\n"
+        "FOR K=-1 TO 2\n"
+        "CASE K OF -1 GOTOF MINUS 2 GOTOF N20 DEFAULT GOTOF OTHER\n"
+        "MINUS: X1\nGOTOF NEXT\n"
+        "N20 X=IC(10)\nGOTOF NEXT\n"
+        "OTHER: X=IC(100)\n"
+        "NEXT: R1=R1+1\n"
+        "ENDFOR\n"
+        "CASE R1/3 OF 1 GOTOF BAD\n"
+        "AGAIN: Y=IC(1)\n"
+        "R2=R2+1\n"
+        "CASE R2 OF 1 GOTOB AGAIN 2 GOTOB AGAIN\n"
+        "M30\n"
+        "BAD: X0\nM30\n"
+    )
+    found = [end[:2] for end in ends(moves(tmp_path, text))]
+    assert found == [(1.0, 0.0), (101.0, 0.0), (201.0, 0.0), (211.0, 0.0), (211.0, 1.0), (211.0, 2.0), (211.0, 3.0)]
+
+
 def test_polynomials_are_exact_curves(tmp_path: Path) -> None:
     """x = 20 p², y = 10 p - 3 p² + p³ over 0 .. 2, from (1, 0)."""
     found = moves(tmp_path, "F600\nG1 X1\nPOLY PO[X]=(81,20) PO[Y]=(16,-3,1) PL=2\nX90 Y20\nG1 X0\nM30\n")
@@ -396,7 +419,14 @@ def test_both_languages_give_the_same_moves(seed: int, tmp_path: Path) -> None:
         ("GOTOF A\n", 1, "no label or block number A behind this line"),
         ("AA: G0\nGOTOF AA\n", 2, "behind this line"),
         ("GOTOF AA\nFOR R1=1 TO 2\nAA: X1\nENDFOR\n", 1, "lies inside a loop or condition"),
-        ("CASE(R1) OF 1 GOTOF A\n", 1, "CASE: this call is not read"),
+        ("CASE(R1) OF 0 GOTOF A\n", 1, "there is no label or block number A behind this line"),
+        ("CASE R1 1 GOTOF A\nA: M30\n", 1, "a branch is CASE value OF 1 GOTOF FIRST"),
+        ("CASE R1 OF\n", 1, "a branch is CASE value OF 1 GOTOF FIRST"),
+        ("CASE R1 OF 1.5 GOTOF A\nA: M30\n", 1, "a whole number or DEFAULT, GOTOF or GOTOB"),
+        ("CASE R1 OF DEFAULT GOTOF A 1 GOTOF A\nA: M30\n", 1, "DEFAULT is the last branch of CASE"),
+        ("G20\n", 1, "G20: it belongs to the ISO dialect: write G700 for inches"),
+        ("G21\n", 1, "G21: it belongs to the ISO dialect: write G710 for mm"),
+        ("SAVE\n", 1, "SAVE stands behind the name of a subprogram: PROC NAME SAVE"),
         ("CTOL=-1\n", 1, "a tolerance is not negative"),
         ("POLY PO[X]=(1,2,3,4) F9\n", 1, "above third degree"),
         ("F9\nG1 PO[X]=(1,2)\n", 2, r"PO\[\] belongs to POLY"),

@@ -13,7 +13,7 @@ from test_resume import going
 from feeddrive.files.machine import find_bundled
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.kinematics import Kinematics
-from feeddrive.path.program.moves import Arc, Begin, Message, Move, Spline, Stop, Straight, ToolPoint
+from feeddrive.path.program.moves import Arc, Begin, Feed, Message, Move, PathMode, Spline, Stop, Straight, ToolPoint
 from feeddrive.path.program.reading import read_program
 
 TRUNNION = Kinematics.of("table_table", "AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
@@ -299,6 +299,55 @@ Y=IC(1)
     ]
 
 
+SAVING = """G17 G54 G71 G90 G642 CTOL=0.01 F1000
+TRANS X5
+G1 X10 Y0
+STEP P2
+X20
+Y5
+M30
+%_N_STEP_SPF
+PROC STEP{}
+G91 G60
+ATRANS X1
+G0 X1
+G18 G55 F500 CTOL=0.02
+M17
+"""
+
+
+def test_a_subprogram_with_save_leaves_g_codes_and_frames_as_they_were(tmp_path: Path) -> None:
+    """Without it the caller goes on in G0, G91, G60 and the frames of the subprogram; F and CTOL stand in any case."""
+    offsets = tmp_path / "offsets.var"
+    offsets.write_text("".join(f"{number}\t{100.0 if number == 5241 else 0.0}\n" for number in range(5221, 5281)))
+
+    def last(attribute: str) -> tuple[list[tuple[float, ...]], list[bool], PathMode, Feed]:
+        found = moves(tmp_path, SAVING.format(attribute), offsets=offsets)
+        traverses = [move.traverse for move in found if isinstance(move, Straight)]
+        modes = [move for move in found if isinstance(move, PathMode)]
+        feeds = [move for move in found if isinstance(move, Feed)]
+        return ends(found), traverses, modes[-1], feeds[-1]
+
+    points, traverses, mode, feed = last(" SAVE")
+    # an incremental move makes the changes of frames before it, too: +1, and in the second pass -1 + 1
+    assert points == [(15.0, 0.0, 0.0), (17.0, 0.0, 0.0), (18.0, 0.0, 0.0), (25.0, 0.0, 0.0), (25.0, 5.0, 0.0)]
+    assert traverses == [False, True, True, False, False]
+    assert (mode.mode, mode.tolerance) == ("continuous", 2e-5)
+    assert feed.linear == pytest.approx(0.5 / 60.0)
+    points, traverses, mode, _ = last("")
+    assert points[-1] != (25.0, 5.0, 0.0)
+    assert traverses == [False, True, True, True, True]
+    assert mode.mode == "exact_stop"
+
+
+def test_save_does_not_restore_a_contour(tmp_path: Path) -> None:
+    text = "G1 F100 X1\nSTEP\nM30\n%_N_STEP_SPF\nPROC STEP SAVE\nG41 X5\nX9\nM17\n"
+    table = tmp_path / "tools.tbl"
+    table.write_text("T1 P1 D4\n")
+    with pytest.raises(ProgramError, match=r"line 9.*G41 is on at the end of a subprogram with SAVE.*write G40"):
+        moves(tmp_path, "T1 M6\n" + text, tools=table)
+
+
 def test_a_modal_call_is_made_behind_each_motion(tmp_path: Path) -> None:
     drill = "%_N_DRILL_SPF\nPROC DRILL(REAL D)\nZ=-D\nZ0\nM17\n"
     text = f"F900\nMCALL DRILL(2)\nX10\nM8 S1000\nX20 Y5\nMCALL\nX0\nM30\n{drill}"
@@ -335,7 +384,7 @@ def test_only_ret_does_not_stop_the_path(word: str, stops: int, tmp_path: Path) 
         ("STEP X1\nM30\n%_N_STEP_SPF\nM17\n", "stands in a block of its own"),
         ("STEP(1)\nM30\n%_N_STEP_SPF\nX1\n", "STEP was called with arguments, and does not begin with PROC STEP"),
         ("STEP(1,2)\nM30\n%_N_STEP_SPF\nPROC STEP(REAL A)\nX=A\n", "STEP has 1 parameters, and the call 2"),
-        ("STEP\nM30\n%_N_STEP_SPF\nPROC STEP SAVE\n", "SAVE of PROC is not planned"),
+        ("STEP\nM30\n%_N_STEP_SPF\nPROC STEP ICYCOF\n", "ICYCOF of PROC is not planned"),
         ("STEP\nM30\n%_N_STEP_SPF\nPROC STEP(STRING[9] A)\n", r"none of REAL, INT and BOOL"),
         ("STEP\nM30\n%_N_STEP_SPF\nFOR R1=1 TO 2\nM17\n", "the program ends inside FOR"),
         ("DEF REAL A=1\nSTEP\nM30\n%_N_STEP_SPF\nX=A\n", "line 5, column 3: A: the variable A has no value here"),
@@ -490,7 +539,10 @@ def test_directions_turn_with_the_frame(tmp_path: Path) -> None:
         ("TRAORI\nT1 M6\n", "M6 changes the tool while its tip is moved (TRAORI): write TRAFOOF in a line before"),
         ("T1 M6\nTRAORI\nG41 X1\n", "while the tip of a tilted tool is moved (TRAORI): write TRAFOOF before"),
         ("ORIVECT ORIAXES\n", "ORIVECT and ORIAXES exclude each other"),
-        ("TRAORI\nG1 LEAD=5 X1 F9\n", "this way to orient the tool"),
+        ("TRAORI\nG1 LEAD=5 X1 F9\n", "LEAD: angles to the path and to the normal of a surface are not planned"),
+        ("TRAORI\nORICONIO\n", "ORICONIO: a tool that turns on a cone is not planned"),
+        ("TOROT\n", "TOROT: this way to orient the tool or the workpiece is not planned"),
+        ("TRAORI\nG1 A2=5 X1 F9\n", "A2: this way to orient the tool"),
         ("TRANSMIT\n", "lathe work"),
     ],
 )

@@ -19,7 +19,7 @@ from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof import Prover
 from feeddrive.path.setpoints import Sampler, planned
 from feeddrive.path.tip_proof import TipProver
-from feeddrive.path.turning import Parts, Swing, in_plane
+from feeddrive.path.turning import EXACT, Parts, Swing, along_arc, in_plane
 
 TRUNNION = Kinematics.of("table_table", "AC", workpiece=(0.0, 0.0, -0.08), reversed_joints="AC")
 LIMITS = np.array([[0.5, 5.0, 100.0, 5e4]] * 3 + [[5.0, 30.0, 600.0, 3e5], [10.0, 50.0, 1000.0, 5e5]])
@@ -148,10 +148,10 @@ def swings(tmp_path: Path, head: str, body: str) -> Path:
 BODY = "G0 Z60 A-40\nG1 X20 A-45 C35\nX40 A-30 C-10\n"
 
 
-def off_the_plane(tmp_path: Path, text: str, turning: Turning) -> tuple[float, float]:
+def off_the_plane(tmp_path: Path, text: str, turning: Turning, mode: str = "G64 P0.01") -> tuple[float, float]:
     """Plan a program of `BODY`; return the largest angle of its samples from the great circles of its feeds, at the
     place of the tip, and the proven one, both rad."""
-    moves = read_program(swings(tmp_path, "G64 P0.01", text + BODY), kinematics=TRUNNION, turning=turning)
+    moves = read_program(swings(tmp_path, mode, text + BODY), kinematics=TRUNNION, turning=turning)
     prover, tip, sampler, rows = Prover(LIMITS), TipProver(), Sampler(1e-3), list[np.ndarray]()
     for part in planned(moves, "XYZAC", LIMITS, tip=tip):
         if isinstance(part, Part):
@@ -174,6 +174,79 @@ def off_the_plane(tmp_path: Path, text: str, turning: Turning) -> tuple[float, f
     return most, proof.angle
 
 
+def test_without_a_tolerance_the_tool_follows_the_arc(tmp_path: Path) -> None:
+    """Within EXACT; by axes no bound of the angle is needed, and the program is followed to the rounding."""
+    off, proven = off_the_plane(tmp_path, "G43.4 H0 P1\n", Turning(), "G61")
+    assert off <= proven <= EXACT
+    _, by_axes = off_the_plane(tmp_path, "G43.4 H0 P0\n", Turning(), "G61")
+    assert by_axes == 0.0
+
+
+@pytest.mark.parametrize("how", PLANES)
+def test_polynomials_of_the_joints_follow_the_arc_and_one_another(how: Orientation) -> None:
+    """At samples within the bound, and C3 where they meet; the bound is mostly less than 1e4 times the distance, since
+    it falls with the eighth power of the length of a part.
+    """
+    draw, ratios, refused = np.random.default_rng(9), list[float](), 0
+    x = np.linspace(0.0, 1.0, 17)
+    powers = x ** np.arange(8)[:, None]
+    for _ in range(8):
+        kinematics = machine(draw)
+        begin = draw.uniform(-1.0, 1.0, 2)
+        end = begin + draw.normal(size=2) * 10.0 ** draw.uniform(-3.0, 0.0)
+        try:
+            curves = along_arc(kinematics, begin.tolist(), end.tolist(), how)
+        except UnreachableError:
+            refused += 1
+            continue
+        first, last = (np.array(kinematics.tool_axis(angles))[:, None] for angles in (begin, end))
+        interpolate = interpolate_plane if how == "plane" else interpolate_vector
+        far = 0.0
+        for origin, shape, here, size in zip(
+            curves.origin, curves.shape, curves.share[:-1], np.diff(curves.share), strict=True
+        ):
+            axis = np.array(kinematics.tool_axis(origin[:, None] + shape @ powers))
+            far = max(far, float(angle_between(axis, interpolate(first, last, here + x * size)).max()))
+        assert far <= curves.off <= EXACT
+        ratios.append(curves.off / max(far, 1e-15))
+        sizes = np.diff(curves.share)
+        ends = [np.array([math.comb(j, k) if j >= k else 0 for j in range(8)]) for k in range(4)]
+        for k in range(len(sizes) - 1):
+            before, behind = curves.shape[k], curves.shape[k + 1]
+            assert curves.origin[k] + before.sum(axis=1) == pytest.approx(curves.origin[k + 1], abs=1e-14)
+            for order in (1, 2, 3):
+                # Taylor coefficients of one size of a part; below 1e-10 of the largest they are roundings
+                left, right = before @ ends[order], behind[:, order] * (sizes[k] / sizes[k + 1]) ** order
+                assert left == pytest.approx(right, rel=1e-6, abs=1e-10 * float(np.abs(before).max()))
+    assert refused <= 3
+    assert np.median(ratios) < 1e4
+
+
+def test_an_arc_through_the_pole_is_followed_where_the_joint_about_it_need_not_turn() -> None:
+    """A trunnion passes its pole with C at rest; a nutating head turns C on the way, from either side of the pole."""
+    curves = along_arc(TRUNNION, [-0.8, 0.3], [0.8, 0.3], "plane")
+    assert curves.off <= EXACT
+    assert len(curves.share) <= 9  # at the pole itself no part need be shorter
+    assert np.abs(curves.shape[:, 1]).max() < 1e-12
+    head = Kinematics.of("head_table", "BC", nutating=True)
+    ends = head.rotary(np.array([[math.sin(0.3)], [0.0], [math.cos(0.3)]])).angles[0, :, 0]
+    for begin in (np.zeros(2), -ends):
+        assert along_arc(head, begin.tolist(), ends.tolist(), "plane").off <= EXACT
+
+
+def test_an_arc_that_leaves_the_travel_of_a_joint_is_refused() -> None:
+    """Between two directions 108 degrees from the pole and 60 degrees of C apart the arc reaches 110.6 degrees."""
+    limit = Kinematics.of("head_table", "BC").with_travel({"B": (-0.5, math.radians(110.0))})
+    begin, end = [math.radians(108.0), 0.0], [math.radians(108.0), math.radians(60.0)]
+    with pytest.raises(UnreachableError, match=r"joint B would go to 110\S* deg at .* its travel is .* to 110 deg"):
+        in_plane(limit, begin, end, "plane", NEAR)
+    with pytest.raises(UnreachableError, match=r"joint B would go to 110\S* deg at"):
+        along_arc(limit, begin, end, "plane")
+    wide = limit.with_travel({"B": (-0.5, math.radians(111.0))})
+    assert len(in_plane(wide, begin, end, "plane", NEAR).share) > 2
+    assert along_arc(wide, begin, end, "plane").off <= EXACT
+
+
 def test_a_plan_keeps_the_tool_in_the_plane_within_the_proven_angle(tmp_path: Path) -> None:
     """0.05 degrees are allowed; by axes the same program leaves the plane by more than a degree."""
     for text, turning in (("G43.4 H0 P1\n", Turning()), ("G43.4 H0\n", Turning("plane"))):
@@ -186,7 +259,7 @@ def test_a_plan_keeps_the_tool_in_the_plane_within_the_proven_angle(tmp_path: Pa
 @pytest.mark.parametrize(
     ("head", "body", "what"),
     [
-        ("G61", "G43.4 P1\nG1 X1 A-30 C40\n", "line 3.*within a tolerance only"),
+        ("G61", "G43.4 P1\nG0 A-30\nG1 X1 C360\n", "line 4.*joint C would jump by 360 deg"),
         ("G64 P0.01", "G43.4 P1\nG2 X1 I0.5 A-30\n", "line 3.*axis A turns along a curve"),
         ("G64 P0.01", "G43.4 P1\nG0 A-30\nG1 X1 C360\n", "line 4.*joint C would jump by 360 deg"),
         ("G64 P0.01", "G43.4 P3\n", "line 2.*P of G43.4 is a whole number from 0 to 2"),

@@ -144,7 +144,7 @@ def drawn(
     shape = shapes[int(draw.random() * len(shapes))]
     points = shape(draw, int(draw.integers(3, most)))
     orientation: Orientation = "axes"
-    if rare and not exact and draw.random() < 0.15:
+    if rare and draw.random() < 0.15:
         with contextlib.suppress(UnreachableError):
             points[:, 3:] = directions(draw, kinematics, len(points))
             orientation = "plane" if draw.random() < 0.5 else "vector"
@@ -216,7 +216,7 @@ def look(program: Drawn, sampled: bool = True) -> Outcome:
         return Outcome(f"{of_tip.faults} faults of the tip", lasts, of_tip.pieces)
     if of_tip.deviation > max(program.tolerance, 6e-9):
         return Outcome(f"deviation {of_tip.deviation} of {program.tolerance}", lasts, of_tip.pieces)
-    if program.tolerance and of_tip.angle > 1.5 * program.angle:
+    if program.tolerance and of_tip.angle > (1.0 + 1e-9) * program.angle:
         return Outcome(f"angle {of_tip.angle} of {program.angle}", lasts, of_tip.pieces)
     end = program.points[-1]
     pieces = last.pieces

@@ -468,6 +468,9 @@ def test_a_table_that_is_cut_off_on_a_narrow_screen_says_so() -> None:
     text = html(Report("Tables", "feeddrive", Verdict(("Three.",)), (section,)))
     assert re.findall(r'class="scroll( beyond-\d+)? ?"', text) == ["", " beyond-60", " beyond-65"]
     assert "Swipe: the table goes on to the right" in text
+    # the title breaks at the frame, not at the end of the table beyond it
+    assert "<caption><span>Many.</span></caption>" in text
+    assert "caption span { display: block; position: sticky; left: 0; max-width: 100cqw; }" in text
     for each in re.findall(r'class="scroll beyond-(\d+)"', text):
         assert f"(max-width: {each}rem) {{ .beyond-{each}::before {{ display: block; }} }}" in text
 

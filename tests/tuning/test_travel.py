@@ -150,7 +150,7 @@ def test_what_has_no_position_refuses_a_schedule_and_a_run_needs_every_place_to_
     loop = replace(BASE, control=tuned.control)
     with pytest.raises(ParameterError, match=r"'gain_schedule' depends on the position of the axis: tune it over the"):
         tune_control(loop)
-    with pytest.raises(ParameterError, match=r"'gain_schedule' depends on the position.*certify the law of each place"):
+    with pytest.raises(ParameterError, match=r"'gain_schedule' depends on the position.*prove it along the travel"):
         deployed(tuned.control, float(BASE.sample_time))
     assert stability(loop).stable
     law = tuned.control.law

@@ -432,7 +432,7 @@ def test_excite_leads_to_the_response_and_plan_to_a_run_of_the_machine(
     job = fd.read_job(words[1])
     assert job.program is not None
     assert job.program.file == part
-    # no job has a tolerance of corners that the program does not state
-    other = plan.build_request(**{**given, "tolerance": 5e-5, "out": tmp_path / "other"})
+    # a job has the sample time of the loops
+    other = plan.build_request(**{**given, "sample_time": 1e-3, "out": tmp_path / "other"})
     assert plan.run(other, Progress()).then == ""
     assert not (tmp_path / "other" / "job.toml").exists()

@@ -196,7 +196,10 @@ def test_what_a_job_refuses(job: Path, tmp_path: Path) -> None:
         ({"window": 20, "method": "splines"}, "job.toml"),
         ({"last": tmp_path}, "--last names the correction that ran with a logged part"),
         ({"box": "mass=2"}, "box.mass = 2 must be >= 0 and < 1: it is a share, such as 0.15 or 15%"),
-        ({"box": "weight=0.1"}, "'weight=0.1' is none of mass, friction, stiffness, dead_time, cut with a value"),
+        (
+            {"box": "weight=0.1"},
+            "'weight=0.1' is no tolerance with a value; there are: mass, friction, stiffness, dead_time, cut",
+        ),
         ({"box": "dead_time=0.5"}, "the dead time is a whole number of samples, such as 1sample"),
         ({"box": "mass=much"}, "mass = much is not a number"),
         ({"drive": ("q=drive.toml",)}, "--drive q=drive.toml: give each axis once"),

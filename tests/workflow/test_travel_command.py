@@ -123,6 +123,7 @@ def test_the_file_of_a_schedule_over_pairs_has_the_payload_of_the_first_file(tmp
     outcome = command.run(request, Progress())
     assert outcome.judgment.exit_code == 0
     assert "with a payload of 450 kg" in outcome.verdict
+    assert "with the worst payload" in page.read_text(encoding="utf-8")
     assert "<svg" in page.read_text(encoding="utf-8")
     law = fd.read_machine(out).loop("x").control.law
     assert isinstance(law, GainSchedule)
@@ -144,6 +145,7 @@ def test_the_proof_of_a_tuned_schedule_is_that_of_its_file(tmp_path: Path) -> No
     assert "The moving loop is stable up to" in outcome.verdict
     # the picture is drawn into the page
     assert "<svg" in page.read_text(encoding="utf-8")
+    assert "with the worst payload" not in page.read_text(encoding="utf-8")
     proof = json.loads((tmp_path / "proof.json").read_text(encoding="utf-8"))
     assert proof["sensitivity_peak"] == pytest.approx(2.02)
     assert [origin["file"] for origin in proof["made_from"]] == [Path(file).name for file in files]

@@ -22,7 +22,7 @@ from feeddrive.loop.linearize import linearize
 from feeddrive.study.robust import tune_robust
 from feeddrive.tuning.worst import box_plants
 from feeddrive.workflow.certify import CertifyRequest, certify
-from feeddrive.workflow.command import AT_THE_MODEL
+from feeddrive.workflow.command import AT_THE_MODEL, OF_ERRORS
 from feeddrive.workflow.compare import CompareRequest
 from feeddrive.workflow.identify_responses import machine_text
 from feeddrive.workflow.tune import NO_MODEL, TuneRequest, tune
@@ -46,6 +46,8 @@ def test_nominal_and_worst_stand_beside_each_other(tmp_path: Path) -> None:
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "mass 28 to 52 kg" in report
     assert "4 of 4 corners" in report
+    # the rules of the trade are judged at the model: today's "kept" is not that of the box
+    assert "whether the limits are kept there; at the model, without the other plants of the box" in report
     assert "--box mass=0.3,dead_time=1sample" in report
 
 
@@ -99,7 +101,9 @@ def with_errors(folder: Path, errors: str = ERRORS) -> Path:
 def test_the_box_of_an_identified_machine_is_that_of_its_errors(tmp_path: Path) -> None:
     """40 kg with a standard error of 0.8 kg: the limits hold from 38.4 to 41.6 kg."""
     path = with_errors(tmp_path)
-    found = tune.run(TuneRequest(path, box="identified", filters="kept", starts=1)).result
+    outcome = tune.run(TuneRequest(path, box="identified", filters="kept", starts=1))
+    found = outcome.result
+    assert OF_ERRORS in outcome.notes
     assert found.box.holds is True
     assert "mass 38.4 to 41.6 kg" in str(found.box.text)
     ends = [spread for spread in found.box.spreads if spread.figure.key == "sensitivity_peak"]
@@ -117,12 +121,23 @@ def test_the_default_box_is_that_of_the_errors_or_the_standard_one(tmp_path: Pat
     assert TuneRequest("linear_motor").box == CompareRequest("linear_motor").box == AUTO
 
 
+def test_a_box_in_which_nothing_of_the_axis_spreads_is_refused() -> None:
+    """A rigid axis has no stiffness: limits at its model alone would be called limits over the box."""
+    machine = fd.read_machine("linear_motor")
+    with pytest.raises(ParameterError, match=r"box 'stiffness=30%': no plant but the model.* axis 'x' .* is mass"):
+        machine.box("stiffness=30%", "x")
+    # who states that nothing spreads means the model
+    assert machine.box("dead_time=0samples", "x") == Box(0.0, 0.0, 0)
+    assert machine.box("dead_time=1sample", "x") == Box(0.0, 0.0, 1)
+    assert machine.box("stiffness=0.3,mass=0.1", "x") == Box(0.3, 0.1, 0)
+
+
 def test_a_search_on_a_model_has_a_box_and_a_rule_has_none() -> None:
     found = tune.run(TuneRequest("linear_motor", filters="kept", starts=1))
     assert found.result.box is not None
     assert found.result.box.holds is True
     assert str(found.result.box.box) == str(Box())
-    assert AT_THE_MODEL not in found.notes
+    assert not {AT_THE_MODEL, OF_ERRORS} & set(found.notes)
     assert tune.run(TuneRequest("linear_motor", recipe="kv-rule")).result.box is None
     assert tune.run(TuneRequest("linear_motor", filters="kept", starts=1, box="none")).result.box is None
 

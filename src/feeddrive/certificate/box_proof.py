@@ -362,8 +362,8 @@ class Prover:
         others = float(np.sum(sizes[0, :top] * first ** (self.powers[:top] - float(top))))
         if others >= 0.5 * leading:
             raise ParameterError(
-                "the plant has a mode beyond two sample rates: its proof over a box is not available; leave the mode "
-                "out, or sample faster"
+                f"a plant of the box has a mode beyond two sample rates, {Quantity(2.0 / self.T, 'Hz')}: its proof "
+                "over a box is not available; state smaller tolerances, leave the mode out, or sample faster"
             )
         above = np.sum(sizes[1:, : top - 1] * first ** (self.powers[: top - 1] - float(top - 2)), axis=1)
         return above / (leading - others)

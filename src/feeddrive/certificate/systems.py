@@ -82,7 +82,8 @@ def deployed(control: Control, sample_time: float, arithmetic: str = "float64", 
     if law.scheduled_at():
         raise ParameterError(
             f"the law '{law.kind}' depends on the position of the axis, and a certificate is that of one linear "
-            f"control: certify the law of each place (tuning.frozen)"
+            "control: prove it along the travel (feeddrive travel with --kept --certify), or certify the law of one "
+            "place (tuning.frozen)"
         )
     if law.period() > MOST:
         raise ParameterError(

@@ -246,7 +246,8 @@ class MachineFile(Result):
         """Return the box that a text describes for an axis; the text may refer to the standard errors in the file.
 
         `auto` is `identified` if the file has a standard error of a mass or stiffness, and `standard` otherwise.
-        Raises ParameterError like `Box.parse` and `Box.with_errors`.
+        Raises ParameterError like `Box.parse` and `Box.with_errors`, and for a box in which nothing of this axis
+        spreads, such as `stiffness=0.3` of a rigid one: limits at the model would be called limits over a box.
         """
         box = Box.parse(text)
         if box is None:
@@ -256,7 +257,14 @@ class MachineFile(Result):
         if text.strip() == AUTO and is_identified(plant, errors):
             box = Box.parse("identified")
             assert box is not None
-        return box.with_errors(plant, errors, self.file.name, self.correlations.get(name, {}))
+        box = box.with_errors(plant, errors, self.file.name, self.correlations.get(name, {}))
+        if (box.mass or box.stiffness) and not box.dead_time and not box.dimensions(plant):
+            has = ", ".join(dimension.path for dimension in Box().dimensions(plant)) or "nothing"
+            raise ParameterError(
+                f"box '{text.strip()}': no plant but the model is in it: what may spread of axis '{name}' in "
+                f"{self.file.name} is {has}: give it a tolerance, add dead_time=1sample, or take --box none"
+            )
+        return box
 
     def coupled(self, axis: str) -> str:
         """Return a clause that names the first coupling of an axis, or an empty string if the axis is not coupled."""

@@ -4,7 +4,7 @@ The section [program] of a job.  The planned part program is the reference of al
 
 [program]
 file = "part.ngc"                  # beside the job, or a bundled one: circle_diamond_square.ngc
-tools = "tool.tbl"                 # optional; also offsets, tables_inch, skip_deleted, dialect as for `feeddrive plan`
+tools = "tool.tbl"                 # optional; also offsets, dialect, tolerance, orientation ... as `feeddrive plan`
 limits = "limits.toml"             # in place of [axis.x.limits] of the machine file
 
 or the recorded setpoints of another planner, smoothed (`path/smoothing.py`):
@@ -43,8 +43,8 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -60,7 +60,7 @@ from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.columns import Column
 from feeddrive.files.machine import BUNDLED, MachineFile, planned_kinematics, planned_limits
 from feeddrive.files.read_log import OpenedFile, read_log
-from feeddrive.files.section import Section, file_name, named
+from feeddrive.files.section import Section, file_name, named, text
 from feeddrive.files.toml_file import TomlTable
 from feeddrive.language.block import Number, choice, declarations, parameter, part
 from feeddrive.language.errors import FeeddriveError, NotPlannedError, ParameterError, ProgramError, nearest
@@ -68,12 +68,14 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.loop.simulate import samples
 from feeddrive.path.kinematics import Kinematics
+from feeddrive.path.plan_options import NAMED, named_values, read_start, turning_of, turning_within
 from feeddrive.path.planned import Planned, planned_of
 from feeddrive.path.program.blocks import BlockError, located
 from feeddrive.path.program.dialects import DIALECTS
-from feeddrive.path.program.moves import Arc, Move, Spindle, Spline, Straight, ToolChange, ToolPoint
-from feeddrive.path.program.reading import read_program
-from feeddrive.path.purpose import PURPOSES, settings, with_tolerance
+from feeddrive.path.program.moves import ORIENTATIONS, Arc, Move, Spindle, Spline, Straight, ToolChange, ToolPoint
+from feeddrive.path.program.reading import FRONT_ENDS, read_program
+from feeddrive.path.purpose import PURPOSES, read_dynamics, settings, with_tolerance
+from feeddrive.path.schedule.override import read_steps
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 from feeddrive.path.smoothing import reach, smoothed
 
@@ -378,11 +380,55 @@ class PartProgramSection(ProgramSection):
     tables_inch: bool = choice("tools and offsets are in inches", default=False)
     skip_deleted: bool = choice("leave out lines that begin with /", default=False)
     dialect: str = choice("language of the program", options=tuple(DIALECTS), default="linuxcnc")
+    front_end: str = choice("reader of the program", options=FRONT_ENDS, default="auto")
+    parameters: str | None = text(
+        "values of named parameters that the program does not set", default=None, example=f'"{NAMED}"', shortest=1
+    )
     purpose: str | None = choice(
         "what is machined: sets tolerance and dynamics, as `feeddrive plan --for`",
         options=tuple(PURPOSES),
         default=None,
     )
+    tolerance: Number | None = parameter(
+        "m", "tolerance of corners where the program states none", above=0, default=None
+    )
+    angle_tolerance: Number | None = parameter(
+        "rad", "tolerance of all rotary axes, in place of those among the limits of the axes", above=0, default=None
+    )
+    dynamics: str | None = text(
+        "shares of the limits of acceleration, jerk and snap in %", default=None, example='"100,50,50"', shortest=1
+    )
+    orientation: str = choice(
+        "how the tool turns in a block while its tip is moved and the program does not say",
+        options=ORIENTATIONS,
+        default="axes",
+    )
+    override: str | None = text(
+        "steps of the feed in % from these times on, in s", default=None, example='"1:50, 2:0, 3.5:120"', shortest=1
+    )
+    from_line: int | None = choice("line at which the program is resumed", least=1, default=None)
+    start: str | None = text(
+        "where the machine stands, in its coordinates, mm and degrees; at 0 if left out, or where from_line begins",
+        default=None,
+        example='"X=10, Y=-5, C=90"',
+        shortest=1,
+    )
+
+
+SAME_OPTIONS = (
+    "dialect",
+    "front_end",
+    "parameters",
+    "purpose",
+    "tolerance",
+    "angle_tolerance",
+    "dynamics",
+    "orientation",
+    "override",
+    "from_line",
+    "start",
+)
+"""The keys of [program] that are options of `feeddrive plan`, with the same values in SI."""
 
 
 class RecordedSection(ProgramSection):
@@ -475,8 +521,25 @@ def planned_program(
         limits = planned_limits(machine, own_limits)
     except FeeddriveError as error:
         raise section.error(f"{error}", kind=type(error)) from None
-    used = settings(section.purpose)
+    with _at(section, "dynamics"):
+        dynamics = None if section.dynamics is None else read_dynamics(section.dynamics, section.dotted("dynamics"))
+    used = settings(section.purpose, section.tolerance, dynamics)
     limits = used.dynamics.of(limits.less(reserve) if reserve else limits)
+    unfit = "" if used.tolerance is None else limits.unfit(used.tolerance)
+    if unfit:
+        key = "purpose" if section.tolerance is None else "tolerance"
+        raise section.error(f"{section.dotted(key)}: {unfit}", key)
+    if section.angle_tolerance is not None:
+        with _at(section, "angle_tolerance"):
+            limits = turning_within(limits, section.angle_tolerance, section.dotted("angle_tolerance"))
+    with _at(section, "override"):
+        override = None if section.override is None else read_steps(section.override, section.dotted("override"))
+    with _at(section, "parameters"):
+        parameters = (
+            None if section.parameters is None else named_values(section.dotted("parameters"), section.parameters)
+        )
+    with _at(section, "start"):
+        start = None if section.start is None else read_start(section.dotted("start"), section.start, limits.letters)
     T = float(next(iter(machine.loops.values())).sample_time)
     kept: list[np.ndarray] = []
     lines: list[np.ndarray] = []
@@ -488,8 +551,13 @@ def planned_program(
         offsets=offsets,
         tables_inch=section.tables_inch,
         skip_deleted=section.skip_deleted,
+        front_end=section.front_end,  # type: ignore[arg-type]
+        parameters=parameters,
         dialect=section.dialect,  # type: ignore[arg-type]
         kinematics=kinematics,
+        start=start,
+        from_line=section.from_line or 0,
+        turning=turning_of(section.orientation, limits, used.tolerance),
     )
     # Closing ends the generator that reads the program, also after an error of the planner.
     with closing(moves):
@@ -497,7 +565,7 @@ def planned_program(
         of_one_tool = _of_one_tool(moves)
         stated = of_one_tool if used.tolerance is None else with_tolerance(of_one_tool, used.tolerance)
         noted = stated if cut_process is None else cut_process.spindle.noted(stated)
-        setpoints = Setpoints(noted, limits, T, None, used)
+        setpoints = Setpoints(noted, limits, T, override, used)
 
         def keep(samples: Samples, _: Sequence[Standstill]) -> None:
             kept.append(samples.values)
@@ -541,6 +609,15 @@ def planned_program(
         cut_process,
         planned.kinematics or kinematics,
     )
+
+
+@contextmanager
+def _at(section: PartProgramSection, key: str) -> Generator[None]:
+    """Raise a ParameterError at the line of a key."""
+    try:
+        yield
+    except ParameterError as error:
+        raise section.error(str(error), key) from None
 
 
 def _of_one_tool(moves: Iterable[Move]) -> Iterator[Move]:

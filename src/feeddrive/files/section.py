@@ -178,7 +178,15 @@ class Section(Declared):
 
     def error(self, message: str, name: str | Key = (), kind: type[FeeddriveError] = ParameterError) -> FeeddriveError:
         """Return an error for this section or a key in it, with file and line if it was read from a file."""
-        return kind(message) if self.read_from is None else self.read_from.error(message, name, kind)
+        table = self.read_from
+        return kind(message) if table is None else table.error(message, self._written(table, name), kind)
+
+    def _written(self, table: TomlTable, name: str | Key) -> str | Key:
+        """Return a key as it stands in the file: a number may have its unit behind its name."""
+        if not isinstance(name, str) or not name or name in table.values:
+            return name
+        own = declarations(type(self))
+        return next((key for key in table.values if key.startswith(f"{name}_") and key not in own), name)
 
     def dotted(self, name: str = "") -> str:
         """Return the dotted name of the section or of a key in it: `law.2.name`."""

@@ -14,7 +14,7 @@ model is corrected too.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -139,6 +139,7 @@ def learn_from_log(
     """
     axes = moving_axes(machine, plan)
     n = plan[axes[0]].position.size
+    log = _without_rest(log, machine, plan, axes)
     mask = np.ones(n, bool) if counted is None else np.asarray(counted, bool)
     errors = {axis: _error(log, axis, machine.loop(axis), plan[axis], mask) for axis in axes}
     positions = {axis: plan[axis].position - error for axis, error in errors.items()}
@@ -254,6 +255,29 @@ def iterate_parts(
     return PartTrials(tuple(figures), last or none, machine, tuple(remarks))
 
 
+def _without_rest(log: PartLog, machine: Machine, plan: Mapping[str, Recorded], axes: Sequence[str]) -> PartLog:
+    """Return a log without the rows behind the plan, if no set position moves by a count in them.
+
+    Exported setpoints end with a rest in which the forces fall to 0, and a control logs it with the part.
+    """
+    n = plan[axes[0]].position.size
+    for axis in axes:
+        behind = log.set_position[axis][n:] - plan[axis].position[-1]
+        if not np.all(np.abs(behind) <= _count(machine.loop(axis))):
+            return log
+
+    def cut(rows: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return {axis: row[:n] for axis, row in rows.items()}
+
+    return replace(
+        log,
+        set_position=cut(log.set_position),
+        position=cut(log.position),
+        force=cut(log.force),
+        tripped=cut(log.tripped),
+    )
+
+
 def _learnable(path: Recorded, error: np.ndarray) -> np.ndarray:
     """Return the part of an error that a force may cancel: where the axis moves, averaged twice over 1 ms."""
     speed = np.abs(planned_velocity(path))
@@ -262,6 +286,12 @@ def _learnable(path: Recorded, error: np.ndarray) -> np.ndarray:
     width += 1 - width % 2  # an odd number of samples has no phase
     box = np.full(width, 1.0 / width)
     return np.convolve(gated, np.convolve(box, box), mode="same")
+
+
+def _count(loop: Loop) -> float:
+    """Return a count of the encoder of the position loop, m; 1 nm of one without counts."""
+    encoder = loop.axis.encoder_load or loop.axis.encoder_motor
+    return float(getattr(encoder, "resolution", None) or 1e-9)
 
 
 def _error(log: PartLog, axis: str, loop: Loop, path: Recorded, counted: np.ndarray) -> np.ndarray:
@@ -287,8 +317,7 @@ def _error(log: PartLog, axis: str, loop: Loop, path: Recorded, counted: np.ndar
             )
     # a log may hold one sample less than the plan: the last one, at rest
     measured, setpoint = (np.append(row, np.full(max(0, n - row.size), row[-1]))[:n] for row in (measured, setpoint))
-    encoder = loop.axis.encoder_load or loop.axis.encoder_motor
-    resolution = float(getattr(encoder, "resolution", None) or 1e-9)
+    resolution = _count(loop)
     off = np.abs(setpoint - path.position)
     if float(np.max(off)) > resolution:
         k = int(np.argmax(off))

@@ -44,8 +44,8 @@ def tolerances(text: str, names: Sequence[str], example: str) -> dict[str, float
             raise ParameterError(f"box '{text}': {name} has no value: write it as {example}")
         if not sign or name not in values:
             raise ParameterError(
-                f"box '{text}': '{part.strip()}' is none of {', '.join(values)} with a value"
-                f"{nearest(name, values)}; write it as {example}, as standard or as none"
+                f"box '{text}': '{part.strip()}' is no tolerance with a value{nearest(name, values)}; write it as "
+                f"{example}, as standard or as none"
             )
         if name in stated:
             raise ParameterError(f"box '{text}': {name} is stated twice: state it once")

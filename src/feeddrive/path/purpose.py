@@ -102,8 +102,10 @@ def settings(purpose: str | None, tolerance: float | None = None, dynamics: Dyna
     )
 
 
-def read_dynamics(text: str) -> Dynamics:
+def read_dynamics(text: str, option: str = "--dynamics") -> Dynamics:
     """Parse shares of acceleration, jerk and snap in %, such as `100, 50, 50`; one number stands for all three.
+
+    option  its name, for messages
 
     Raises ParameterError for another number of values, and for a value that is not above 0 and at most 100.
     """
@@ -113,7 +115,7 @@ def read_dynamics(text: str) -> Dynamics:
         shares = []
     if len(shares) not in (1, 3) or not all(0.0 < share <= 1.0 and math.isfinite(share) for share in shares):
         raise ParameterError(
-            f"--dynamics: {shown(text)}: the shares of acceleration, jerk and snap in % are expected, above 0 and at "
+            f"{option}: {shown(text)}: the shares of acceleration, jerk and snap in % are expected, above 0 and at "
             "most 100, such as 100,50,50, or one for all three"
         )
     return Dynamics(*(shares * 3)[:3])

@@ -149,6 +149,12 @@ AT_THE_MODEL = (
 )
 """The note of commands whose limits hold over no box."""
 
+OF_ERRORS = (
+    "The box holds the standard errors of an identification, and not what its model leaves out: for another workpiece "
+    "take --box standard; a mode of the axis is shown by a frequency response (feeddrive excite, frf)."
+)
+"""The note of commands whose limits hold over the box `identified`."""
+
 
 def argument(
     meaning: str, *, default: Any = MISSING, options: tuple[str, ...] = (), kw_only: Literal[False] = False

@@ -28,7 +28,18 @@ from feeddrive.language.progress import Progress
 from feeddrive.language.text import Text, marked
 from feeddrive.loop.box import AUTO, Box
 from feeddrive.loop.control import Control
-from feeddrive.workflow.command import AT_THE_MODEL, BOX, OUT, Outcome, argument, command, exporting, option, stem
+from feeddrive.workflow.command import (
+    AT_THE_MODEL,
+    BOX,
+    OF_ERRORS,
+    OUT,
+    Outcome,
+    argument,
+    command,
+    exporting,
+    option,
+    stem,
+)
 from feeddrive.workflow.evaluated import EvaluationRequest, engine_of
 
 TAKEN = "taken.toml"
@@ -112,6 +123,8 @@ def compare(request: CompareRequest, progress: Progress) -> Outcome[Comparison]:
     then, notes = _next(request, comparison, take, files.get("Machine"))
     if box is None:
         notes = (*notes, AT_THE_MODEL)
+    elif box.deviations:
+        notes = (*notes, OF_ERRORS)
     return Outcome(
         comparison,
         [comparison.table()],

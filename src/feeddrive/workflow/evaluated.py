@@ -55,21 +55,20 @@ def engine_of(request: EvaluationRequest, keep: Path | None, out: Path | None) -
 
     Finished cases are stored in `keep` or, without it, in a folder next to `out`. The body of the `with` statement must
     write the results. If it succeeds, the folder next to `out` is removed, whereas cases in `keep` are retained.
-    If the run is cancelled or loses its workers, the error states how many finished cases `--resume` can reuse.
+    If the run is cancelled, by its progress or by Ctrl-C or a signal, or loses its workers, the error states how many
+    finished cases `--resume` can reuse.
     Raises ParameterError for `resume` without `keep` or `out`.
     """
     store = _store(keep, out, resume=request.resume)
     engine = Engine.of(request.workers, request.scheduler, store, request.certificates)
     try:
         yield engine
-    except (CancelledError, WorkerError) as error:
+    except (CancelledError, KeyboardInterrupt, WorkerError) as error:
         if store is None or not store.count:
             raise
-        reason = "stopped" if isinstance(error, CancelledError) else error
         # the class gives the exit code, so it stays that of the cause
-        raise type(error)(
-            Text(f"{reason}; finished cases in {store.place}: {store.count}; go on with --resume")
-        ) from None
+        kind, reason = (WorkerError, error) if isinstance(error, WorkerError) else (CancelledError, "stopped")
+        raise kind(Text(f"{reason}; finished cases in {store.place}: {store.count}; go on with --resume")) from None
     if store is not None and keep is None:
         # reached only if the results were written: until then the cases are the only copy
         store.clear()

@@ -6,23 +6,22 @@ The output files are written by `files/plan_files.py`.
 from __future__ import annotations
 
 import contextlib
-import math
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import degrees, isfinite, radians
+from math import degrees
 from pathlib import Path
 from time import monotonic, process_time, thread_time
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile, find_bundled, planned_kinematics, planned_limits, read_machine
+from feeddrive.files.part_program import SAME_OPTIONS, PartProgramSection
 from feeddrive.files.plan_files import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
 from feeddrive.files.toml_file import quoted
-from feeddrive.language.errors import NoSlopeError, ParameterError, shown
+from feeddrive.language.block import defaults
+from feeddrive.language.errors import NoSlopeError, ParameterError
 from feeddrive.language.judgment import Judgment
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity, count_of, number
@@ -31,12 +30,12 @@ from feeddrive.language.threads import cores
 from feeddrive.path.geometry.weights import ROTARY
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.limits import LETTERS, MachineLimits
+from feeddrive.path.plan_options import named_values, read_start, turning_of, turning_within
 from feeddrive.path.planned import Planned, Take, planned_of
-from feeddrive.path.program.aiming import Turning
 from feeddrive.path.program.budget import LONGEST, MOST_CPU, Budget, Spending
 from feeddrive.path.program.dialects import DIALECTS, DialectName
-from feeddrive.path.program.moves import ORIENTATIONS, Begin, Ignored, Move, Orientation, PathMode
-from feeddrive.path.program.reading import FrontEnd, read_program
+from feeddrive.path.program.moves import ORIENTATIONS, Begin, Ignored, Move, PathMode, ToolPoint
+from feeddrive.path.program.reading import FRONT_ENDS, FrontEnd, read_program
 from feeddrive.path.purpose import PURPOSES, read_dynamics, settings, with_tolerance
 from feeddrive.path.schedule.override import read_steps
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
@@ -64,7 +63,7 @@ class PlanRequest(Request):
     offsets: Path | None = option("parameters (.var): work offsets, G28, G30", default=None)
     tables_inch: bool = option("tools and offsets are in inches", default=False)
     skip_deleted: bool = option("leave out lines that begin with /", default=False)
-    front_end: str = option("reader of the program", default="auto", options=("auto", "own", "rs274"))
+    front_end: str = option("reader of the program", default="auto", options=FRONT_ENDS)
     parameters: str | None = option(
         "values of named parameters that the program does not set: _hal[plasmac.cut-feed-rate]=40, _depth=3",
         default=None,
@@ -170,7 +169,8 @@ class PlanRequest(Request):
 def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     """Plan a part program within the limits of each axis, prove compliance, and write setpoints, plan and report.
 
-    Raises ProgramError, with file, line, column and word, for a block that cannot be read or executed.
+    Raises ProgramError, with file, line, column and word, for a block that cannot be read or executed, and
+    ParameterError for a program in which nothing lasts: an empty file, or one without a motion and without a dwell.
     """
     program = find_bundled(request.program, "programs", ".ngc")
     machine = None if request.machine is None else read_machine(request.machine)
@@ -182,7 +182,7 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
         option_name = "--for" if request.tolerance is None else "--tolerance"
         raise ParameterError(f"{option_name}: {unfit}")
     if request.angle_tolerance is not None:
-        limits = _turning_within(limits, request.angle_tolerance)
+        limits = turning_within(limits, request.angle_tolerance, "--angle-tolerance")
     sample_time = request.sample_time
     if sample_time is None:
         assert machine is not None
@@ -198,13 +198,13 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     with contextlib.closing(reading) as moves:
         setpoints = Setpoints(moves, limits, sample_time, override, used, spending, threads)
         if request.out is None:
-            planned = planned_of(setpoints, *names)
+            planned = _moving(planned_of(setpoints, *names))
             return _outcome(planned, None, machine, counts)
         with new_directory(request.out) as folder:
             with setpoint_files(folder, limits, sample_time, program.name) as writer:
-                planned = planned_of(setpoints, *names, _into(writer))
+                planned = _moving(planned_of(setpoints, *names, _into(writer)))
             write_plan(folder, planned)
-            if job := _job(request, program, machine, planned):
+            if job := _job(request, program, machine, planned, len(counts.tools)):
                 (folder / JOB).write_text(job, encoding="utf-8")
             progress.step("report")
             (folder / "report.html").write_text(html(_report(planned, not request.no_pictures)), encoding="utf-8")
@@ -212,39 +212,28 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     return replace(outcome, then=line("run", request.out / JOB)) if job else outcome
 
 
-def _turning_within(limits: MachineLimits, tolerance: float) -> MachineLimits:
-    """Return the limits with the tolerance of `--angle-tolerance`, rad, for all rotary axes."""
-    if not limits.rotary:
+def _moving(planned: Planned) -> Planned:
+    """Return a plan that lasts; raise ParameterError for one of no time."""
+    if planned.cycle_time == 0.0:
         raise ParameterError(
-            "--angle-tolerance is for axes that turn (a, b, c), and the machine has "
-            f"{', '.join(limits.letters.lower())}: leave it out"
+            f"{planned.program}: no block moves an axis, so there is nothing to plan: see that this is the right file, "
+            "that the machine does not stand at the end of every block, and, with --from-line, that motions follow"
         )
-    try:
-        return limits.turning_within(tolerance)
-    except ParameterError as error:
-        raise ParameterError(f"--angle-tolerance: {error}") from None
+    return planned
 
 
 JOB = "job.toml"  # the machine along the program that was planned
 
 
-def _job(request: PlanRequest, program: Path, machine: MachineFile | None, planned: Planned) -> str:
-    """Return the text of the job that runs the program on the machine; empty if no job can reproduce this plan."""
-    # a job has the tolerance, the feed and the sample time of program, purpose and machine
-    options = (
-        request.tolerance,
-        request.angle_tolerance,
-        request.dynamics,
-        request.override,
-        request.sample_time,
-        request.parameters,
-        request.from_line,
-        request.start,
-    )
-    changed = any(value is not None for value in options)
-    # a job compares the axes with the path, not the tip of the tool
-    tip = planned.tip is not None
-    if machine is None or planned.violations or changed or tip or request.front_end != "auto":
+def _job(request: PlanRequest, program: Path, machine: MachineFile | None, planned: Planned, tools: int) -> str:
+    """Return the text of the job that runs the program on the machine; empty if no job can reproduce this plan.
+
+    tools  number of tools whose tip the program moves
+    """
+    if machine is None or planned.violations or tools > 1:
+        return ""
+    # a job has the sample time of the loops
+    if planned.sample_time != float(next(iter(machine.loops.values())).sample_time):
         return ""
     axis = next((name for name in machine.loops if name.upper() in planned.limits.letters), None)
     if axis is None:
@@ -261,8 +250,11 @@ def _job(request: PlanRequest, program: Path, machine: MachineFile | None, plann
         path: Path | None = getattr(request, name)
         lines += [] if path is None else [f"{name} = {quoted(_found(path))}"]
     lines += [f"{name} = true" for name in ("tables_inch", "skip_deleted") if getattr(request, name)]
-    lines += [] if request.dialect == "linuxcnc" else [f"dialect = {quoted(request.dialect)}"]
-    lines += [] if request.purpose is None else [f"purpose = {quoted(request.purpose)}"]
+    usual = defaults(PartProgramSection)
+    for name in SAME_OPTIONS:
+        value = getattr(request, name)
+        if value != usual[name]:
+            lines.append(f"{name} = {quoted(value) if isinstance(value, str) else repr(value)}")
     return "\n".join([*lines, ""])
 
 
@@ -297,12 +289,13 @@ def _into(writer: SetpointWriter) -> Take:
 @dataclass
 class Counts:
     """What was seen while the program was read: codes that are left out, the tolerances that it states, and where it
-    begins, if that is not its first line at the machine's zero.
+    begins, if that is not its first line at the machine's zero; and the tools whose tip it moves.
     """
 
     left_out: Counter[str] = field(default_factory=Counter[str])
     tolerances: int = 0
     begin: Begin | None = None
+    tools: set[tuple[float, ...]] = field(default_factory=set[tuple[float, ...]])
 
 
 def _moves(
@@ -325,12 +318,12 @@ def _moves(
         tables_inch=request.tables_inch,
         skip_deleted=request.skip_deleted,
         front_end=front_end,
-        parameters=None if request.parameters is None else _named_values("--parameters", request.parameters, _NAMED),
+        parameters=None if request.parameters is None else named_values("--parameters", request.parameters),
         dialect=dialect,
         kinematics=kinematics,
-        start=None if request.start is None else _start(request.start),
+        start=None if request.start is None else read_start("--start", request.start, limits.letters),
         from_line=request.from_line or 0,
-        turning=_turning(request.orientation, limits, tolerance),
+        turning=turning_of(request.orientation, limits, tolerance),
     )
     of = _lines_of(program)
     counted = _counted(moves, counts)
@@ -353,25 +346,6 @@ def _moves(
                 progress.remark(f"line {farthest:,} of {of:,}, {count_of(count, 'move')}")
 
 
-def _turning(orientation: str, limits: MachineLimits, tolerance: float | None) -> Turning:
-    """Return how the tool turns where the program does not say; half of the tolerance of angles is for the pole."""
-    how: Orientation = orientation  # type: ignore[assignment]
-    least = float(np.min(limits.angle_tolerances, initial=math.inf))
-    return Turning(how, _AT_POLE * least if math.isfinite(least) else 0.0, tolerance is not None)
-
-
-_AT_POLE = 0.5  # of the tolerance of angles: cone at the pole, in which the tool may be off its direction
-_NAMED = "_depth=3, _feed=40"
-
-
-def _start(text: str) -> dict[str, float]:
-    """Return the position of `--start`, m and rad, by axis letter."""
-    values = _named_values("--start", text, "X=10, Y=-5")
-    return {
-        letter.upper(): radians(value) if letter.upper() in ROTARY else 1e-3 * value for letter, value in values.items()
-    }
-
-
 def _begun(begin: Begin, letters: str) -> str:
     """Return the sentence that says where the machine is assumed to stand, and in which state."""
     stands = ", ".join(
@@ -387,19 +361,6 @@ def _begun(begin: Begin, letters: str) -> str:
     )
 
 
-def _named_values(option: str, text: str, example: str) -> dict[str, float]:
-    """Return values by name; raise ParameterError for an entry of the option that is no name and number."""
-    values: dict[str, float] = {}
-    for entry in text.split(","):
-        name, equals, number = entry.rpartition("=")
-        with contextlib.suppress(ValueError):
-            if name.strip() and equals and isfinite(float(number)):
-                values[name.strip()] = float(number)
-                continue
-        raise ParameterError(f"{option}: {shown(entry.strip())} is no name with a number: write {example}")
-    return values
-
-
 def _counted(moves: Iterable[Move], counts: Counts) -> Iterator[Move]:
     for move in moves:
         if isinstance(move, Ignored):
@@ -408,6 +369,8 @@ def _counted(moves: Iterable[Move], counts: Counts) -> Iterator[Move]:
             counts.tolerances += 1
         elif isinstance(move, Begin):
             counts.begin = move
+        elif isinstance(move, ToolPoint) and move.kinematics is not None:
+            counts.tools.add(move.kinematics.tool)
         yield move
 
 
@@ -425,8 +388,7 @@ def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None, co
     causes = sorted(planned.seconds.items(), key=lambda item: -item[1])
     told = joined(
         ", ",
-        # a program without motion has a cycle time of 0
-        (f"{name} {Quantity(seconds / max(planned.cycle_time, 1e-9), 'share'):3}" for name, seconds in causes[:6]),
+        (f"{name} {Quantity(seconds / planned.cycle_time, 'share'):3}" for name, seconds in causes[:6]),
     )
     sentences = [] if counts.begin is None else [_begun(counts.begin, planned.limits.letters)]
     if causes:

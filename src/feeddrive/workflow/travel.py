@@ -247,10 +247,11 @@ def travel_report(found: TunedTravel | None, proof: TravelProof | None, along: T
     tables = [*([] if found is None else [found.table(), _values(found)]), *([] if proof is None else [proof.table()])]
     picture = None
     if found is not None:
+        worst = "" if found.travel.payloads is None else ", with the worst payload"
         picture = Picture(
             "travel",
             "Along the travel",
-            "Fixed gains and the schedule, each frozen at its position, with the worst payload; shaded: proven.",
+            f"Fixed gains and the schedule, each frozen at its position{worst}; shaded: proven.",
             "Goal, least stiffness and Ms over the position, of fixed gains and of the schedule.",
             lambda: plot.travel_chart(found, proof),
         )

@@ -34,6 +34,7 @@ from feeddrive.workflow.certify import certified
 from feeddrive.workflow.command import (
     AT_THE_MODEL,
     BOX,
+    OF_ERRORS,
     OUT,
     Outcome,
     Request,
@@ -259,6 +260,8 @@ def tune(request: TuneRequest, progress: Progress) -> Outcome[Any]:
         then = line("compare", told, axis=request.axis)
     if tuned.box is None and tuned.loops:
         notes = (*notes, AT_THE_MODEL)
+    if tuned.box is not None and tuned.box.box.deviations:
+        notes = (*notes, OF_ERRORS)
     return Outcome(
         tuned,
         [*shown[:first], *makers],

@@ -221,6 +221,8 @@ def _compared(tuned: Tuned, story: Story) -> Table:
     shown = [(story.today, tuned.before), *((rule.name, rule.figures) for rule in story.rules), ("new", tuned.after)]
     rows = [[name, *_cells(row, tuned.limits)] for name, row in shown]
     title = "beside the rules of the trade: Ms, phase margin, least stiffness, rope-snap error at the worst point"
+    if tuned.box is not None:
+        title += ", and whether the limits are kept there; at the model, without the other plants of the box"
     return Table(title, ["", *_COMPARED], rows)
 
 

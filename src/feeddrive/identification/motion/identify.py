@@ -728,11 +728,15 @@ def _about(rigid: RigidFit, late: int) -> list[str]:
             ),
         )
         remarks.append(Text(f"the log gives evidence of a force along the travel: {names}; it is part of the model"))
-    if rigid.bends:
+    if frequency := rigid.bends_at:
+        mode = "a resonance at" if rigid["bend"].value > 0.0 else "an antiresonance below"
         remarks.append(
-            "the axis bends: its force follows the fourth derivative of the position, too, as that of two masses on a "
-            "spring; this is part of the fit, so that the mass is not taken for less; measure a frequency response for "
-            "its modes (feeddrive excite, frf)"
+            Text(
+                "the axis bends: its force follows the fourth derivative of the position, too, as that of two masses "
+                f"on a spring with {mode} {frequency}; this is part of the fit, so that the mass is not taken for "
+                "less, and no part of the machine file, so that a tuning does not know the mode: measure a frequency "
+                "response before (feeddrive excite, frf)"
+            )
         )
     if rigid.slowest:
         remarks.append(

@@ -129,6 +129,19 @@ class RigidFit(Result):
         return float(np.sqrt(max(0.0, self.residuals.relative**2 - self.counts[0] ** 2)))
 
     @property
+    def bends_at(self) -> Quantity | None:
+        """The frequency by which the axis bends, f = (M / |bend|)^½ / 2π, in Hz; None if the log shows none.
+
+        Behind an encoder of the load, bend = m1 m2/k > 0, it is the resonance of the two masses. Behind one of the
+        motor, bend = -m2²/k, the antiresonance is lower by (m2/M)^½, which such a log does not tell.
+        """
+        if not self.bends:
+            return None
+        mass, bend = self["mass"], self["bend"]
+        frequency = np.sqrt(mass.value / abs(bend.value)) / (2.0 * np.pi)
+        return Quantity(frequency, "Hz", 0.5 * frequency * bend.error / abs(bend.value))
+
+    @property
     def changed(self) -> bool:
         """True if the error in unused rows is 50 % larger than in used rows, and more than 2 % of the force.
 

@@ -26,7 +26,8 @@ import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records, Records2, rows_for, zeros
-from feeddrive.path.geometry.segments import State, hermite, largest_norm, part_of
+from feeddrive.path.geometry.hermite import State, hermite
+from feeddrive.path.geometry.segments import largest_norm, part_of
 from feeddrive.path.motion import Piece, Pieces, less_line, line_way, put_line
 
 ENDS = 5  # number of knots beyond each end

@@ -37,12 +37,12 @@ from feeddrive.path.geometry.cluster import (
     straight_pieces,
 )
 from feeddrive.path.geometry.cluster import Room as ClusterRoom
+from feeddrive.path.geometry.hermite import State
 from feeddrive.path.geometry.segments import (
     NO_BLEND,
     Blend,
     BlendRoom,
     Chain,
-    State,
     blend,
     blend_room,
     goes_on,

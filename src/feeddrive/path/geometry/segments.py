@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 from feeddrive.language.errors import ProgramError
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Records, rows_for, zeros
+from feeddrive.path.geometry.hermite import State, hermite
 from feeddrive.path.geometry.weights import ANGLE_TOLERANCE, ROTARY, Weights
 from feeddrive.path.kinematics import UnreachableError
 from feeddrive.path.motion import (
@@ -67,20 +68,11 @@ from feeddrive.path.program.moves import (
     ToolChange,
     ToolPoint,
 )
-from feeddrive.path.turning import in_plane
+from feeddrive.path.turning import Curves, along_arc, in_plane
 
 _PARTS = 4  # parts of each half of a blend, whose hulls are computed separately
 _SEARCH = 30
 _SAME = 1e-12  # relative to r' .. r''' times the length, next to a spline and between arcs
-
-
-class State(NamedTuple):
-    """A coordinate and its first to third derivative with respect to the path parameter."""
-
-    value: float
-    first: float
-    second: float
-    third: float
 
 
 class BlendRoom(NamedTuple):
@@ -165,31 +157,6 @@ def trimmed(piece: Piece, x0: float, x1: float, out: Floats2) -> float:
         e1, e2, slope, curvature = arc_axis(piece.shape, i)
         put_arc(out, i, ArcAxis(e1 * c + e2 * s, e2 * c - e1 * s, slope, curvature))
     return rest
-
-
-@kernel
-def hermite(a: Records[State], b: Records[State], length: float, out: Floats2) -> int:
-    """Write the coefficients of the polynomial in ξ = x/length between two states into `out` (N, 8).
-
-    The coefficients of first to third degree follow from the left state, the others from the residual at the right
-    state.
-    """
-    for i in range(len(a)):
-        left = a[i]
-        right = b[i]
-        c1 = left.first * length
-        c2 = 0.5 * left.second * length * length
-        c3 = left.third * length * length * length / 6.0
-        # differences of nearby states: in absolute coordinates r''' of pieces of some um would lose seven digits
-        e0 = right.value - left.value - c1 - c2 - c3
-        e1 = right.first * length - c1 - 2.0 * c2 - 3.0 * c3
-        e2 = right.second * length * length - 2.0 * c2 - 6.0 * c3
-        e3 = right.third * length * length * length - 6.0 * c3
-        c4 = 35.0 * e0 - 15.0 * e1 + 2.5 * e2 - e3 / 6.0
-        c5 = -84.0 * e0 + 39.0 * e1 - 7.0 * e2 + 0.5 * e3
-        c6 = 70.0 * e0 - 34.0 * e1 + 6.5 * e2 - 0.5 * e3
-        out[i] = 0.0, c1, c2, c3, c4, c5, c6, -20.0 * e0 + 10.0 * e1 - 2.0 * e2 + e3 / 6.0
-    return 0
 
 
 @kernel
@@ -363,7 +330,7 @@ _COUNTED = ((0, 1, 2), (6, 7, 8), (3, 4, 5))
 """The groups of axes to which a feed can refer; the first group with a moving axis is used."""
 # so that memory does not grow with the program
 AT_ONCE = 1000  # largest number of segments of a chain
-_STANDS = 1e-12  # m, or rad
+_STANDS = 1e-11  # m, or rad: blocks of 1e-9 mm stand, and rounded positions too
 _CHORDS = 0.1  # of the tolerance: largest deviation of a spline's chords from it
 _CUTS = 16  # number of pieces of a spline that is followed exactly
 
@@ -547,6 +514,7 @@ def chains(
                 yield collect(True)
             yield Pause(0.0, "ToolPoint", move.source.number)
             tip = None if move.kinematics is None else TipColumns.of(move.kinematics, axes)
+            weights.aim(0.0 if tip is None else tip.kinematics.cosine_of_axes)
             feeds.of_tip, still = tip is not None, False
         elif isinstance(move, Synchronized):
             reason = (
@@ -600,26 +568,24 @@ def _segments(
 def _turning(
     move: Straight, columns: Sequence[int], weights: Weights, feeds: _Feeds, mode: str, tip: TipColumns
 ) -> Iterator[_Segment]:
-    """Yield a straight move of the tip in which the tool turns in a plane, as lines on which the joints move straight:
-    within a tenth of the tolerance of the direction.
+    """Yield a straight move of the tip in which the tool turns in a plane: within a tenth of the tolerance of the
+    direction as lines on which the joints move straight; without a tolerance as polynomials that follow its arc.
     """
     kinematics, letters = tip.kinematics, tip.kinematics.rotary_letters
     places = [_LETTERS.index(letter) for letter in letters]
     begin, end = ([point[place] for place in places] for point in (move.start, move.end))
-    if not weights.angle:
-        reason = (
-            "the tool turns in a plane within a tolerance only, and here none is stated: state one (G64 P, "
-            "--tolerance), or turn it by axes"
-        )
-        raise _refused(move.source, reason)
+    start, way = np.array(move.start), np.array(move.end) - np.array(move.start)
     try:
+        if not weights.angle:
+            curves = along_arc(kinematics, begin, end, move.orientation)
+            yield from _curved(move, curves, columns, weights, feeds, mode, tip)
+            return
         parts = in_plane(kinematics, begin, end, move.orientation, _CHORDS * weights.angle)
     except UnreachableError as error:
         raise _refused(move.source, str(error)) from None
     # directions at both ends that are off move those between by more
     off = parts.off + move.off / math.cos(0.5 * min(parts.angle, math.pi))
     tolerance = weights.tolerance_of(True, off)
-    start, way = np.array(move.start), np.array(move.end) - np.array(move.start)
     points = start + parts.share[:, None] * way
     points[1:-1, places] = parts.rotary.T
     points[-1] = move.end
@@ -627,6 +593,37 @@ def _turning(
         part = replace(move, start=tuple(here), end=tuple(there))
         for segment in _segments(part, columns, weights.values, feeds, mode, tolerance):
             yield segment._replace(off=off)
+
+
+def _curved(
+    move: Straight, curves: Curves, columns: Sequence[int], weights: Weights, feeds: _Feeds, mode: str, tip: TipColumns
+) -> Iterator[_Segment]:
+    """Yield a straight move of the tip along which the rotary joints follow polynomials."""
+    scale = np.ones(len(columns)) if weights.values is None else weights.values
+    start, end = (np.array([point[column] for column in columns]) * scale for point in (move.start, move.end))
+    turns = list(tip.rotary)
+    sizes, way = np.diff(curves.share), end - start
+    # the rotary joints go a longer way than straight
+    straight = np.delete(way, turns)
+    bent = np.abs(curves.shape).sum(axis=2) * scale[turns]
+    whole = math.hypot(float(np.linalg.norm(straight)), *bent.sum(axis=0))
+    speed, tolerance = feeds.speed(move, whole), weights.tolerance_of(True)
+    for share, size, origin, polynomial in zip(curves.share[:-1], sizes, curves.origin, curves.shape, strict=True):
+        shape, begin = line_shapes(size * way[None])[0], start + share * way
+        shape[turns], begin[turns] = polynomial * scale[turns, None], origin * scale[turns]
+        # the parameter of a run is the share, so that the joints go on smoothly from part to part
+        yield _Segment(
+            POLYNOMIAL,
+            whole * size,
+            begin.tolist(),
+            way.tolist(),
+            speed,
+            move.source.number,
+            mode,
+            tolerance,
+            shape,
+            off=curves.off,
+        )
 
 
 def _spline(

@@ -23,7 +23,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from feeddrive.language.series import Taylor
-from feeddrive.path.geometry.segments import State, hermite, part_of
+from feeddrive.path.geometry.hermite import BERNSTEIN_7, State, hermite
+from feeddrive.path.geometry.segments import part_of
 from feeddrive.path.motion import ARC, LINE, PACED, ArcAxis, Pieces, TipColumns, line_shapes
 
 _TURN = 0.3  # rad, largest change of the angles on a piece
@@ -218,9 +219,6 @@ _BERNSTEIN = np.array(
 )
 
 
-_HULL = np.array([[comb(k, j) / comb(7, j) if j <= k else 0.0 for j in range(8)] for k in range(8)])
-
-
 def _square(shape: np.ndarray) -> np.ndarray:
     """Return the Bernstein coefficients of |dr/dξ|², shape (n, 13), of polynomials with the coefficients (n, N, 8)."""
     slope = shape[:, :, 1:] * np.arange(1.0, 8.0)
@@ -269,7 +267,7 @@ def beyond(joints: Pieces, travel: Sequence[tuple[float, float] | None], columns
     for piece in np.flatnonzero(near).tolist():
         one = _rows(joints, np.full(_HULLS, piece))
         values, shape = parts(one, np.arange(_HULLS) / _HULLS, np.full(_HULLS, 1.0 / _HULLS))
-        points = values[:, :, None] + shape @ _HULL.T
+        points = values[:, :, None] + shape @ BERNSTEIN_7.T
         for column, (least, most) in zip(limited, ends, strict=True):
             for position in (float(points[:, column].min()), float(points[:, column].max())):
                 if not least <= position <= most:

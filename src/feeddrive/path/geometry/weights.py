@@ -5,6 +5,9 @@ P / α (m/rad), with the tolerance P of lengths and the tolerance α of the axis
 coordinates is within P of it in the linear axes, and within α in each rotary axis.  With any other weight w both hold
 within the tolerance min(P, α w).
 
+The direction of a tool whose tip is moved turns by at most √(1 + |n₁·n₂|) times the distance of the angles of both
+rotary joints, n the directions of their axes.  With this factor in the weights α bounds the direction as well.
+
 The weights hold for a whole run, since its parameter u is measured by them.
 """
 
@@ -39,13 +42,13 @@ class Weights:
         angles = np.broadcast_to(np.asarray(angle_tolerance, float), len(axes))
         self._angles = np.where([letter in ROTARY for letter in axes], angles, math.inf)
         turns = bool(np.isfinite(self._angles).any())
+        self._tolerance, self._turned, self._gain = 0.0, False, 1.0
         self.values = self._wanted(_USUAL) if turns else None
-        self._tolerance, self._turned = 0.0, False
         self._suit, self._bound = True, math.inf
         self.allow(0.0)
 
     def _wanted(self, tolerance: float) -> np.ndarray:
-        wanted = np.clip(tolerance / self._angles, _LIGHTEST, _HEAVIEST)
+        wanted = np.clip(self._gain * tolerance / self._angles, _LIGHTEST, _HEAVIEST)
         return np.where(np.isfinite(self._angles), wanted, 1.0)
 
     def allow(self, tolerance: float) -> None:
@@ -54,7 +57,14 @@ class Weights:
         if self.values is not None:
             # computed here and not for each move, of which there may be millions
             self._suit = not tolerance or np.allclose(self._wanted(tolerance), self.values, rtol=_EQUAL, atol=0.0)
-            self._bound = float(np.min(self._angles * self.values))
+            self._bound = float(np.min(self._angles * self.values)) / self._gain
+
+    def aim(self, cosine: float) -> None:
+        """Take the cosine of the angle between the axes of both rotary joints, which aim a tool from the next run on; 0
+        where no tool is aimed.
+        """
+        self._gain = math.sqrt(1.0 + abs(cosine))
+        self.allow(self._tolerance)
 
     def begin(self) -> None:
         """Choose the weights of the next run."""
@@ -82,7 +92,7 @@ class Weights:
         if not off:
             return min(self._tolerance, self._bound)
         assert self.values is not None
-        return max(0.0, min(self._tolerance, float(np.min((self._angles - off) * self.values))))
+        return max(0.0, min(self._tolerance, float(np.min((self._angles - off) * self.values)) / self._gain))
 
     @property
     def angle(self) -> float:

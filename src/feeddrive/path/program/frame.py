@@ -265,8 +265,8 @@ class Frame:
             raise BlockError(
                 f"axis {AXES[letter].upper()} turns by {Quantity(abs(end[letter] - start[letter]), 'rad'):deg} in this "
                 f"feed, and the tool swings by more than {Quantity(SWING, 'rad'):deg} beside the plane of its "
-                "directions at both ends: the branch or the turn changes here; lift the tool and write G0, or give "
-                "blocks between",
+                "directions at both ends, as where the branch or the turn changes: lift the tool and write G0, or give "
+                "blocks between if the swing is meant",
                 AXES[letter].upper(),
             )
 

@@ -16,7 +16,7 @@ from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
 from math import degrees
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from feeddrive.language.errors import MissingProgramError, ParameterError, ProgramError, plain
 from feeddrive.language.quantity import Quantity
@@ -303,6 +303,8 @@ def _refused(source: _Source, line: Line, complaint: str, code: int, no_tools: b
 
 
 FrontEnd = Literal["auto", "own", "rs274"]
+FRONT_ENDS: tuple[FrontEnd, ...] = get_args(FrontEnd)
+"""The readers of a program."""
 
 
 def read_program(

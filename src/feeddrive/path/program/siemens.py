@@ -15,7 +15,7 @@ is refused with its reason, and so is one that it does not know.
 from __future__ import annotations
 
 import re
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 from feeddrive.language.quantity import Quantity
@@ -61,7 +61,7 @@ class SiemensInterpreter:
         self._setting, self._state, self._tools = setting, run.state, run.tools
         self._emit, self._lines, self._switches = run.emit, run.lines, run.switches
         variables = {"".join(name.split()).upper(): value for name, value in setting.parameters.items()}
-        self._flow = SiemensFlow(run.lines, variables, self._live)
+        self._flow = SiemensFlow(run.lines, variables, self._live, self._save)
         self._reader = BlockReader(self._flow, run.emit)
         self._moves = SiemensMotion(run)
         self._shift, self._angle = [0.0] * 9, 0.0  # programmable frame, mm and degrees
@@ -149,6 +149,48 @@ class SiemensInterpreter:
         words += [" ".join(["TRANS", *shift])] if shift else []
         words += [f"AROT RPL={self._angle:.8g}"] if self._angle else []
         return " ".join(words)
+
+    def _save(self) -> Callable[[], None]:
+        """Return a function that restores the modal G codes and the frames of now: SAVE of a subprogram.
+
+        F, S, T, D, the tolerances and what is no G code stand as the subprogram leaves them.
+        """
+        state, moves = self._state, self._moves
+        codes = moves.saved()
+        unit, distance = (moves.inch, self._inch_feed), moves.incremental
+        plane, feed_mode, path = state.plane, state.feed_mode, self._path
+        system, shift, angle = self._system, list(self._shift), self._angle
+        side, follows, corners, turns = self._side, self._follows, self._corners, self._turns
+
+        def restore() -> None:
+            if side != self._side:
+                raise BlockError(
+                    f"G{self._side} is on at the end of a subprogram with SAVE, which restores G{side}: write G{side} "
+                    "and a straight move in it",
+                    "SAVE",
+                )
+            moves.restore(codes)
+            moves.inch, self._inch_feed = unit
+            moves.incremental = distance
+            if state.feed_mode != feed_mode:
+                self._switches.feed_mode(feed_mode)
+            if state.plane != plane:
+                self._switches.plane(plane)
+            if self._path != path:
+                self._set_path(path)
+            self._follows, self._corners = follows, corners
+            if state.compensation:
+                state.compensation.corners = corners
+            if turns is not None and turns != self._turns and state.tool_point:
+                turn_by(state, self._emit, turns)
+            self._turns = turns
+            if (self._system, self._shift, self._angle) != (system, shift, angle):
+                # its coordinates turn
+                self._run.end_spline(None)
+                self._shift, self._angle = list(shift), angle
+                self._choose_system(system)
+
+        return restore
 
     def _live(self, name: str, index: str | None) -> float:
         """Return the value of a system variable."""

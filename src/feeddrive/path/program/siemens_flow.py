@@ -3,6 +3,8 @@
     L100 P3   POCKET(10,R1)   CALL "POCKET"     calls; P repeats
     MCALL POCKET(10)  ..  MCALL                  a call behind each block with a motion, until MCALL alone
     PROC POCKET(REAL DEPTH, VAR REAL COUNT)      parameters, by value or (VAR) by reference
+    PROC POCKET SAVE                             G codes and frames of the caller act again behind the call
+    CASE R1 OF 1 GOTOF A 2 GOTOF B DEFAULT GOTOF C   a jump by a whole number
     M17  RET  M2  M30                            return; only RET does not stop the path
 
 A subprogram lies in the same file, behind a line %_N_NAME_SPF, or in the file NAME.SPF or NAME.MPF beside it.  R
@@ -31,11 +33,13 @@ _SECTION = re.compile(r"\s*%\s*_N_([A-Z0-9_]+)_(?:MPF|SPF)\s*$", re.IGNORECASE)
 _HEADER = re.compile(r"\s*%(?:_N_\w*|MPF\d*|SPF\d*|\s*\d*)\s*$", re.IGNORECASE)
 _OPENS = {"IF": "ENDIF", "FOR": "ENDFOR", "WHILE": "ENDWHILE", "LOOP": "ENDLOOP", "REPEAT": "UNTIL"}
 _FLOW = re.compile(
-    r"(IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|LOOP|ENDLOOP|REPEAT|UNTIL|GOTOF|GOTOB|GOTOC|GOTO|DEF|PROC|EXTERN)"
+    r"(IF|ELSE|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|LOOP|ENDLOOP|REPEAT|UNTIL|GOTOF|GOTOB|GOTOC|GOTO|CASE|DEF|PROC|EXTERN)"
     r"(?![A-Z0-9_])",
     re.IGNORECASE,
 )
-_JUMP = re.compile(r"(GOTOF|GOTOB|GOTOC|GOTO)\s+(?:N(?=\d))?([A-Z0-9_]+)\s*$", re.IGNORECASE)
+_TARGET = re.compile(r"(GOTOF|GOTOB|GOTOC|GOTO)\s+(?:N(?=\d))?([A-Z0-9_]+)", re.IGNORECASE)
+_JUMP = re.compile(_TARGET.pattern + r"\s*$", re.IGNORECASE)
+_CASE = re.compile(rf"(?:([+-]?\d+)|(DEFAULT))\s+{_TARGET.pattern}(?=\s|$)\s*", re.IGNORECASE)
 _R = re.compile(r"R\d{1,4}")
 _PARAMETER = re.compile(r"(VAR\s+)?(REAL|INT|BOOL)\s+([A-Z_][A-Z0-9_]*)\s*(?:=\s*(.+))?$", re.IGNORECASE)
 _PROGRAM_NAME = re.compile(r"(?:_N_)?([A-Z0-9_]+?)(?:[._](?:SPF|MPF))?$", re.IGNORECASE)
@@ -83,6 +87,7 @@ class _Scope:
     variables  of the program; returned: the variable of the caller for each one by reference (VAR)
     left       number of passes that remain, with this one
     modal      True for a call of MCALL
+    restore    what the end of the program restores of the state of its caller (SAVE)
     begun      True once one of its lines was executed
     """
 
@@ -95,6 +100,7 @@ class _Scope:
     opened: list[_Open] = field(default_factory=list[_Open])
     left: int = 1
     modal: bool = False
+    restore: Callable[[], None] | None = None
     begun: bool = False
 
 
@@ -110,12 +116,17 @@ class SiemensFlow:
 
     parameters  variables from outside, which all programs see
     live        function that returns the value of a system variable by its name and index
+    save        function that takes the G codes and frames that act, and returns one that restores them
     """
 
     def __init__(
-        self, lines: ProgramLines, parameters: dict[str, float], live: Callable[[str, str | None], float]
+        self,
+        lines: ProgramLines,
+        parameters: dict[str, float],
+        live: Callable[[str, str | None], float],
+        save: Callable[[], Callable[[], None]],
     ) -> None:
-        self._lines, self._live = lines, live
+        self._lines, self._live, self._save = lines, live, save
         self._common = parameters
         self._scopes = [_Scope("", Place(0, 0))]
         self._maps: dict[LineReader, _Map] = {}
@@ -192,6 +203,9 @@ class SiemensFlow:
             pass
         elif word.startswith("GOTO"):
             self._jump(text, values.at)
+        elif word == "CASE":
+            values.at = at
+            self._case(values)
         elif word == "IF":
             values.at = at
             true = values.expression() != 0.0
@@ -309,7 +323,10 @@ class SiemensFlow:
         jump = _JUMP.match(text, at)
         if not jump:
             raise BlockError("a jump is GOTOF, GOTOB, GOTO or GOTOC and a label or a block number", "GOTO")
-        word, label = jump[1].upper(), jump[2].upper()
+        self._go(jump[1].upper(), jump[2].upper())
+
+    def _go(self, word: str, label: str) -> None:
+        """Go on at a label or a block number, in the direction that the word of a jump says."""
         reader, scope = self._lines.reader, self._scope
         here = reader.last.offset
         marks = [mark for mark in self._map(reader).marks.get(label, []) if mark.section == scope.section]
@@ -320,7 +337,10 @@ class SiemensFlow:
             if word == "GOTOC":
                 return
             way = {"GOTOF": "behind this line", "GOTOB": "before this line"}.get(word, "in the program")
-            raise BlockError(f"there is no label or block number {label} {way}: write it, or correct the jump", label)
+            short = ", which has two letters or more" if len(label) == 1 and label.isalpha() else ""
+            raise BlockError(
+                f"there is no label or block number {label} {way}: write it{short}, or correct the jump", label
+            )
         mark = found[0]
         if tuple(opened.head.offset for opened in scope.opened[: len(mark.around)]) != mark.around:
             raise BlockError(
@@ -329,6 +349,31 @@ class SiemensFlow:
         # a jump leaves the loops and conditions that are not around its target
         del scope.opened[len(mark.around) :]
         reader.go(mark.place)
+
+    def _case(self, values: Values) -> None:
+        """Execute CASE value OF 1 GOTOF A 2 GOTOB B DEFAULT GOTOF C; without DEFAULT the program goes on."""
+        value, text = values.expression(), values.text
+        of = re.compile(r"\s*OF(?![A-Z0-9_])\s*", re.IGNORECASE).match(text, values.at)
+        values.at = of.end() if of else values.at
+        if not of or values.at == len(text):
+            raise values.fault(
+                "a branch is CASE value OF 1 GOTOF FIRST 2 GOTOF SECOND DEFAULT GOTOF OTHERS", word="CASE"
+            )
+        taken: re.Match[str] | None = None
+        while values.at < len(text):
+            branch = _CASE.match(text, values.at)
+            if not branch:
+                raise values.fault(
+                    "a whole number or DEFAULT, GOTOF or GOTOB, and a label or block number are expected here",
+                    word="CASE",
+                )
+            fits = branch[2] is not None or float(branch[1]) == value
+            taken = branch if taken is None and fits else taken
+            values.at = branch.end()
+            if branch[2] is not None and values.at < len(text):
+                raise values.fault("DEFAULT is the last branch of CASE", word="CASE")
+        if taken is not None:
+            self._go(taken[3].upper(), taken[4].upper())
 
     def _map(self, reader: LineReader) -> _Map:
         if reader not in self._maps:
@@ -403,6 +448,8 @@ class SiemensFlow:
             self._lines.reader.go(scope.start)
         else:
             self._lines.leave()
+        if scope.restore is not None:
+            scope.restore()
         return False
 
     def _argument(self, text: str) -> tuple[float | None, str]:
@@ -446,11 +493,13 @@ class SiemensFlow:
         proc = re.compile(r"\s*(\w+)\s*(?:\((.*)\))?\s*([^()]*)$").match(text)
         if not proc:
             raise BlockError("a subprogram begins with PROC NAME(REAL FIRST, INT SECOND)", "PROC")
-        for word in proc[3].upper().split():
-            if word not in ("DISPLOF", "DISPLON", "SBLOF", "SBLON", "ACTBLOCNO"):
-                reason = f"{word} of PROC is not planned: what SAVE restores, write it behind the call"
-                raise BlockError(reason, word)
         scope, name = self._scope, proc[1].upper()
+        for word in proc[3].upper().split():
+            if word == "SAVE":
+                # the main program has no caller
+                scope.restore = self._save() if len(self._scopes) > 1 else None
+            elif word not in ("DISPLOF", "DISPLON", "SBLOF", "SBLON", "ACTBLOCNO"):
+                raise BlockError(f"{word} of PROC is not planned: take it out", word)
         parameters = [part.strip() for part in (proc[2] or "").split(",")] if (proc[2] or "").strip() else []
         if len(scope.arguments) > len(parameters):
             raise BlockError(
@@ -480,7 +529,7 @@ def _map_of(program: Path) -> _Map:
     try:
         while (line := reader.read()) is not None:
             text = without_comment(line.text)
-            wanted |= {jump[2].upper() for jump in re.finditer(_JUMP, text)}
+            wanted |= {jump[2].upper() for jump in re.finditer(_TARGET, text)}
         reader.go(Place(0, 0))
         around: list[int] = []
         section, begun = 0, False

@@ -33,6 +33,17 @@ class SiemensMotion:
         self._step: float | None = None  # PL of BSPLINE
         self._told: set[str] = set()  # kinds of splines of which the operator was told
 
+    def saved(self) -> tuple[int, str, Edges]:
+        """Return the modal words of the motion: G0 to G3 or a curve, and how splines begin and end."""
+        return self._modal, self._curve, self._edges
+
+    def restore(self, codes: tuple[int, str, Edges]) -> None:
+        """Let the modal words of `saved` act again."""
+        spline = self._state.spline
+        if spline and codes[1] != spline.kind:
+            spline.closed = True
+        self._modal, self._curve, self._edges = codes
+
     def move(self, words: Words) -> bool:
         """Execute the motion of a block; return False if there is none."""
         codes, state = words.codes, self._state

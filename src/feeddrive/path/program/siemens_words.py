@@ -14,6 +14,8 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.path.program.blocks import DEEPEST, BlockError
 
 _FIVE = "this way to orient the tool or the workpiece is not planned: write A3= B3= C3=, or the letters of rotary axes"
+_NORMAL = "angles to the path and to the normal of a surface are not planned: write A3= B3= C3= of each block"
+_CONE = "a tool that turns on a cone is not planned: write A3= B3= C3= in short blocks"
 _LATHE = "lathe work is not planned: only milling with X, Y and Z as they stand"
 _SPLINE = "splines of other axes than X Y Z are not planned: post lines, arcs or POLY"
 _SPINDLE = "the move follows the real spindle: take it out of what is planned"
@@ -27,12 +29,13 @@ _COMPENSATION = "this way to the contour or along it is not planned: write NORM,
 _PLC = "what it does is decided by the machine's own logic: take it out"
 _WORDS: dict[str, tuple[str, ...]] = {
     _FIVE: (
-        *("ORICONCW", "ORICONCCW", "ORICONIO", "ORICONTO", "ORICURVE", "ORIPATH", "ORIPATHS", "ORIEULER", "ORIRPY"),
-        *("ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORISON", "ORIROTA", "ORIROTR", "ORIROTT", "ORIROTC", "LEAD", "TILT"),
-        *("THETA", "A2", "B2", "C2", "A4", "B4", "C4", "A5", "B5", "C5", "A6", "B6", "C6", "A7", "B7", "C7", "A8"),
-        *("B8", "C8", "TOROT", "TOFRAME", "PAROT", "TCARR", "TCOABS", "TCOFR", "CUT3DC", "CUT3DF", "CUT3DFS"),
-        *("CUT3DFF", "CUT3DCC", "CUT3DCCD", "TLIFT", "CYCLE996", "TRACON", "TRAFOON", "TRACYL", "TRAANG", "NUT"),
+        *("ORICURVE", "ORIEULER", "ORIRPY", "ORIRPY2", "ORIVIRT1", "ORIVIRT2", "ORISON", "ORIROTA", "ORIROTR"),
+        *("ORIROTT", "ORIROTC", "THETA", "A2", "B2", "C2", "A8", "B8", "C8"),
+        *("TOROT", "TOFRAME", "PAROT", "TCARR", "TCOABS", "TCOFR", "CUT3DC", "CUT3DF", "CUT3DFS"),
+        *("CUT3DFF", "CUT3DCC", "CUT3DCCD", "TLIFT", "CYCLE996", "TRACON", "TRAFOON", "TRACYL", "TRAANG"),
     ),
+    _NORMAL: ("LEAD", "TILT", "ORIPATH", "ORIPATHS", "A4", "B4", "C4", "A5", "B5", "C5"),
+    _CONE: ("ORICONCW", "ORICONCCW", "ORICONIO", "ORICONTO", "NUT", "A6", "B6", "C6", "A7", "B7", "C7"),
     _LATHE: (
         "DIAMON",
         "DIAM90",
@@ -48,7 +51,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     _SPLINE: ("SPLINEPATH",),
     _SPINDLE: ("G33", "G34", "G35", "G63", "G331", "G332", "SPOS", "SPOSA", "SPCON", "COUPON", "FPR"),
     _CYCLE: ("HOLES1", "HOLES2", "POCKET1", "POCKET2", "POCKET3", "POCKET4", "SLOT1", "SLOT2", "LONGHOLE"),
-    _CALL: ("PCALL", "ISOCALL", "MODALCALL", "CASE", "REPEATB", "INIT", "START", "WAITE"),
+    _CALL: ("PCALL", "ISOCALL", "MODALCALL", "REPEATB", "INIT", "START", "WAITE"),
     _FEED: ("FLIN", "FCUB", "FPO", "FRC", "FRCM", "FB", "FXS", "FGROUP", "FGREF", "FL", "FA", "OVR", "OVRRAP", "G93.1"),
     _CORNER: ("CHF", "CHR", "RND", "RNDM", "ANG"),
     _FRAME: (
@@ -91,6 +94,9 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "limits of the working area and of the spindle are not changed by a program here: take it out": ("G25", "G26"),
     "the ISO dialect is another language: give the program with --dialect linuxcnc": ("G291",),
     "an array is not read: use one variable for each": ("SET", "REP"),
+    "it belongs to the ISO dialect: write G700 for inches of lengths and feeds, G70 for those of lengths": ("G20",),
+    "it belongs to the ISO dialect: write G710 for mm of lengths and feeds, G71 for those of lengths": ("G21",),
+    "SAVE stands behind the name of a subprogram: PROC NAME SAVE": ("SAVE",),
     "what a probe measures is not known before: take it out": ("MEAS", "MEAW", "MEASA", "MEAWA", "MEAC"),
     "an axis of the machine's own: only X Y Z A B C U V W are planned": (
         *(f"{letter}{number}" for letter in "XYZUVWQ" for number in range(1, 6)),
@@ -119,7 +125,6 @@ IGNORED = frozenset(
         *(
             "DISPLOF",
             "DISPLON",
-            "SAVE",
             "GETT",
             "GROUP_BEGIN",
             "GROUP_END",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -44,21 +44,27 @@ SHARES = (1.0 - 1e-4, 0.995, 0.99, 0.98)  # of the limits, at the points: the re
 # without both: a ramp then has 6 or 7 intervals, 2 or 3, or 1
 _HALF = ((4, 1.0), (1, 1.0), (1, 0.5))
 # from rest z = u'² grows as u^1.5, which no cubic spline follows: beyond, spans of growing length do
-_NEAR_REST = 0.1  # of the first phase from rest, and of the last one to rest, remains unchanged
-_AT_REST = 0.003  # of half a ramp from rest is not optimized at least, as the first phase may hardly move
+_AT_REST = 0.05  # of half a ramp from rest, and of one to rest, is not optimized
+# that ends either early in the first phase, in which the jerk grows, or within the second, at constant jerk: where the
+# first one is nearly over, its rest would be the first span
+_EARLY = 0.5  # of the first phase
+_LATE = 1.3  # of the first phase
+_NEAR_REST = 0.1  # of the first phase is not optimized at least
+_QUICKER = 0.3  # least factor of the time of what is not optimized, whose jerk may be far below the limit
 # the state behind such a beginning is given: at the limit itself no spline could start
 _AT_ENDS = Limits(0.97, 0.97, 0.97, 0.998)  # usable shares of the limits of velocity to snap there
-_BLENDED = 30  # number of coefficients over which the first spline takes up such a change of speed
+_BLENDED = 300  # number of coefficients over which the first spline takes up such a change of speed
 _RESTS = 1e-9  # of the largest speed: below it the motion is at rest
 _TOGETHER = 6  # number of spans after which the motion ends exactly in the state of the spline
 _STEPS = 160  # from the slow ramps of some plans it is far to a quick motion
 _FIRST = 0.1  # initial penalty
-_NEAREST = 5e-3  # final penalty
-_AGAIN = (0.01, 5e-3)  # the initial and the final one where a proof has failed
+_NEAREST = 4e-3  # final penalty
+_AGAIN = (0.01, 4e-3)  # the initial and the final one where a proof has failed
 _ROUNDS = 8  # largest number of proofs
 _TIGHTER = 0.01  # reduction of a limit where its proof fails, as a share: first twice this, then doubled in each round
 _GIVEN = 8.0  # number of spans from a given state at an end over which the reduction grows to that
 _REFINED = 3  # largest number of times that a section is tried, each time with spans half as long where it failed
+_LONG = 120  # number of time intervals from which on a section is divided where it failed, before spans are halved
 _ASIDE = 32  # number of spans on either side of such a point that are optimized again
 # a lifted motion ends in a node of the plan; lifted again with the next part, it need not have u'' = u''' = 0 there
 _HELD = 0.3  # of the duration of the lifted motion is held back for the next part
@@ -105,9 +111,12 @@ class Lifter:
                 # an estimate, not a bound: lifting 1,908 ramps gained at most 0.69 of it
                 if path.gain(motion, first, last) < _LITTLE * _around_time(motion, first, last):
                     continue
-                lifted, kept = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
-                if lifted is not None:
-                    done.append((first, last, lifted, kept))
+                tried = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
+                if tried.motion is not None:
+                    done.append((first, last, tried.motion, tried.kept))
+                elif tried.failed is not None:
+                    one, two = (first + k for k in tried.failed)
+                    waiting += [(a, b) for a, b in ((two, last), (one, two), (first, one)) if a < b]
                 else:
                     waiting += _halves(motion, first, last)
             return done
@@ -124,6 +133,19 @@ class Lifter:
             part, self.hand = _cut(part, self._spans)
             self._spans = len(self.hand.motion.duration)
         yield part
+
+
+class Tried(NamedTuple):
+    """What became of a section.
+
+    motion  the faster motion, or None
+    kept    number of its time intervals at the start that remain unchanged
+    failed  the time intervals in which limits could not be kept, from one up to but excluding another, if these are few
+    """
+
+    motion: Motion | None = None
+    kept: int = 0
+    failed: tuple[int, int] | None = None
 
 
 class _Path:
@@ -146,16 +168,16 @@ class _Path:
         room = rows_for(Derivatives, len(self._limits))
         return spline.ramp_gain(self._pieces, self._limits, motion, first, last, room)
 
-    def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> tuple[Motion | None, int]:
-        """Return a faster, proven motion between the same states, or None; it may begin or end at rest.
+    def lifted(self, motion: Motion, begins: bool, ends: bool, spans: int) -> Tried:
+        """Try to find a faster, proven motion between the same states; it may begin or end at rest.
 
-        The first `spans` time intervals are already spans of an earlier spline.  The second result is the number of
-        time intervals at the start that remain unchanged.
+        The first `spans` time intervals are already spans of an earlier spline.
         """
         if len(motion.duration) <= _HUMP and np.all(self._pieces.kind[motion.piece[0] : motion.piece[-1] + 1] == LINE):
-            return None, 0  # on a line it is already time-optimal
+            return Tried()  # on a line it is already time-optimal
         lengths = self._pieces.length
         first, last = 0, len(motion.duration)
+        whole = last
         if begins:
             k, t = self._near_rest(motion.duration)
             motion = divided(motion, k, t, lengths)
@@ -166,41 +188,56 @@ class _Path:
             motion = divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
         head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
         begin, end = self._factor(head), self._factor(tail)
-        lifted = self._between(_some(motion, first, last), _end(_some(motion, 0, last)), spans, (begin, end))
-        if lifted is None:
-            return None, 0
-        lifted = _one([slowed(head, begin), lifted, slowed(tail, end)])
-        return (lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else (None, 0)
+        between, state = _some(motion, first, last), _end(_some(motion, 0, last))
+        for one, two in dict.fromkeys([(begin, end), (max(begin, 1.0), max(end, 1.0))]):
+            before, behind = slowed(head, one), slowed(tail, two)
+            lifted = self._between(between, state, spans, (one, two), (before, behind))
+            if isinstance(lifted, Motion):
+                lifted = _one([before, lifted, behind])
+                return Tried(lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else Tried()
+            if lifted is not None:
+                # the time interval that was divided near a rest at the start counts once
+                near, far = ((k + first - begins if k else 0) for k in lifted)
+                return Tried(failed=(near, far if far < last - begins else whole))
+        return Tried()
 
     def _near_rest(self, duration: np.ndarray) -> tuple[int, float]:
         """Return the time interval, and the time within it, up to which a motion from rest is not optimized."""
         ends = np.cumsum(duration[: 4 - self._unlimited])
-        # without a limit of the snap the first phase is no small part of the ramp
-        t = max(0.0 if self._unlimited else _NEAR_REST * float(duration[0]), _AT_REST * float(ends[-1]))
+        t = _AT_REST * float(ends[-1])
+        # without a limit of the snap the jerk is constant from the start
+        if not self._unlimited:
+            first, second = duration[:2].tolist()
+            late = max(t, _LATE * first)
+            early = min(max(t, _NEAR_REST * first), _EARLY * first)
+            t = late if t > early and late <= first + 0.5 * second else early
         k = int(np.searchsorted(ends, t))
         return k, t - float(ends[k - 1]) if k else t
 
     def _factor(self, motion: Motion) -> float:
-        """Return the factor >= 1 by which the time of a motion from or to rest must grow to leave some reserve of each
-        limit along the path.
+        """Return the factor of the time of a motion from or to rest that leaves some reserve of each limit along the
+        path.
         """
         if not len(motion.duration):
             return 1.0
         p, r = int(motion.piece[-1]), rows_for(Derivatives, len(self._limits))
-        x, end = float(motion.x[-1]), _end(motion)
-        top = float(self.top[p])
-        return spline.reserve_factor(piece_of(self._pieces, p), x, top, self._limits, _AT_ENDS, motion, end, r)
+        x, top = float(motion.x[-1]), float(self.top[p])
+        piece, end = piece_of(self._pieces, p), _end(motion)
+        return max(_QUICKER, spline.reserve_factor(piece, x, top, self._limits, _AT_ENDS, motion, end, r))
 
-    def _between(self, motion: Motion, end: State, spans: int, factors: Sequence[float]) -> Motion | None:
+    def _between(
+        self, motion: Motion, end: State, spans: int, factors: Sequence[float], beside: tuple[Motion, Motion]
+    ) -> Motion | tuple[int, int] | None:
         """Return a proven motion between the same states, or None, for a motion that is at rest at neither end; `end`
         is u' .. u''' at its end.
 
-        Both states are those of a motion that takes longer by one of the two factors.  Where it fails, spans are
-        halved.
+        Both states are those of a motion whose time is multiplied by one of the two factors.  `beside` are the motions
+        before and after, which are proven with it.  Where it fails, spans are halved; of a long motion that fails in
+        few places the range of time intervals around these is returned instead.
         """
         finer = np.ones(len(motion.duration), np.int64)
-        for _ in range(_REFINED):
-            lifted, time, failed = self._tried(motion, end, spans, factors, finer)
+        for again in range(_REFINED):
+            lifted, time, failed = self._tried(motion, end, spans, factors, beside, finer)
             if lifted is not None or not len(failed):
                 return lifted
             edges = np.concatenate([[0.0], np.cumsum(motion.duration)])
@@ -209,11 +246,21 @@ class _Path:
             of_failed = np.zeros(len(finer), bool)
             for one, two in zip(first.tolist(), last.tolist(), strict=True):
                 of_failed[one:two] = True
+            if again > 0 and len(finer) >= _LONG:
+                apart = _nodes_around(motion, int(np.min(first)), int(np.max(last)))
+                if apart is not None:
+                    return apart
             finer[of_failed] *= 2
         return None
 
     def _tried(
-        self, motion: Motion, end: State, spans: int, factors: Sequence[float], finer: np.ndarray
+        self,
+        motion: Motion,
+        end: State,
+        spans: int,
+        factors: Sequence[float],
+        beside: tuple[Motion, Motion],
+        finer: np.ndarray,
     ) -> tuple[Motion | None, np.ndarray, np.ndarray]:
         """Return a motion as `_between` does, the times of the knots in the given one, and the spans at which limits
         cannot be kept if there is none.
@@ -250,9 +297,17 @@ class _Path:
                     break
             if not spline.in_time(knots, tried, self._begin, starts, end, _TOGETHER, timed, *more):
                 return None, time, nowhere  # it moves backwards between the evaluated points
-            faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
+            if number == 1:
+                head, tail = beside
+                faults = self._faults(_one([head, timed, tail]), 0, n + len(head.duration) + len(tail.duration))
+                faults = faults - Broken(0.0, len(head.duration), 0.0, 0.0, 0.0)
+            else:
+                faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
                 return timed, time, nowhere
+            where = np.asarray(by_field(Broken, faults).interval)
+            if np.any((where < 0) | (where >= n)):
+                return None, time, nowhere  # not the spline but the motion before or after it
             for _, where, _, which, _ in faults:
                 # a jump or a backward motion, which lower limits would not remove
                 if which < -1:
@@ -409,6 +464,17 @@ def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.nda
             sections.append((first, int(last)))
         first = int(last) + (1 if last < len(flat) and flat[last] else 0)
     return sections
+
+
+def _nodes_around(motion: Motion, first: int, last: int) -> tuple[int, int] | None:
+    """Return the nodes, or ends of the motion, around some time intervals, with room for ramps; None if these are more
+    than half of the motion.
+    """
+    n = len(motion.duration)
+    nodes = np.flatnonzero((motion.acceleration == 0.0) & (motion.jerk == 0.0))
+    before, behind = nodes[nodes <= first - _HUMP], nodes[nodes >= last + _HUMP]
+    one, two = int(before[-1]) if len(before) else 0, int(behind[0]) if len(behind) else n
+    return (one, two) if 2 * (two - one) <= n else None
 
 
 def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:

@@ -89,8 +89,10 @@ def override(steps: Sequence[tuple[float, float]]) -> Override:
     return Override(np.array(time), np.array(factor, float))
 
 
-def read_steps(text: str) -> Override:
+def read_steps(text: str, option: str = "--override") -> Override:
     """Parse an override from a string of steps: the time in s, a colon and the feed in %, e.g. `1:50, 2:0, 3.5:120`.
+
+    option  its name, for messages
 
     Raises ParameterError as `override` does, and for a malformed string.
     """
@@ -102,10 +104,13 @@ def read_steps(text: str) -> Override:
         except ValueError:
             missing = "" if colon else " (there is no colon)"
             raise ParameterError(
-                f"--override: {step.strip()!r} is no step{missing}: give the time in s, a colon and the feed in %, "
+                f"{option}: {step.strip()!r} is no step{missing}: give the time in s, a colon and the feed in %, "
                 "such as 1:50, 2:0, 3.5:120"
             ) from None
-    return override(steps)
+    try:
+        return override(steps)
+    except ParameterError as error:
+        raise ParameterError(str(error).replace("override", option, 1)) from None
 
 
 class Overridden:

@@ -31,6 +31,7 @@ SHARES = ((0.9, 0.6), (0.7, 0.4))
 # second is made in every _AGAIN-th window only
 _SURE = 2
 _AGAIN = 4
+_FEW = 3  # number of stretches from rest to rest: lifting finds what a second plan of so few would
 # 3,000 chords of 1 mm take 0.4 % longer with windows of 400 pieces of which 0.6 are kept, and 1.15 times the CPU
 WINDOW = 800  # number of pieces
 # beyond that the plan already brakes to the stop at the end of its window
@@ -178,12 +179,10 @@ class Schedule:
         assert self._pieces is not None
         begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
         first = self._sure >= _SURE and self._sure % _AGAIN != 0
-        for rooms in (self._rooms[:1], self._rooms) if first else (self._rooms,):
-            planned = _fastest(begin, rooms, self._limits, ends, self._u, self._speed)
-            if planned is not None:
-                self._sure = self._sure + 1 if planned.shares == 0 else 0
-                return planned
-        return None
+        planned = _fastest(begin, self._rooms, self._limits, ends, self._u, self._speed, first)
+        if planned is not None:
+            self._sure = self._sure + 1 if planned.shares == 0 else 0
+        return planned
 
     def _go(self, planned: _Plan, count: int) -> Part:
         """Return the first `count` stretches of a plan as a part; the others become the planned stop."""
@@ -225,10 +224,18 @@ def _rooms_of(pieces: Pieces, limits: np.ndarray) -> list[_Room]:
 
 
 def _fastest(
-    begin: np.ndarray, rooms: list[_Room], limits: np.ndarray, ends: bool, u: float, speed: float
+    begin: np.ndarray,
+    rooms: list[_Room],
+    limits: np.ndarray,
+    ends: bool,
+    u: float,
+    speed: float,
+    first: bool = False,
 ) -> _Plan | None:
     """Return the fastest plan from u to a stop at the end of the pieces that begin at `begin`, or None if the speed is
     too high to stop.
+
+    The second pair of shares is left out where the `first` one has a plan, or one of few stretches from rest to rest.
     """
     last = len(begin) - 1
     # the stop of a window lies before the joint, so that rounding cannot move it to the next piece
@@ -241,6 +248,8 @@ def _fastest(
         count = plan(path, rooms[0].caps[:last], u, stop, speed, slow, stack, rows)
         if count >= 0:
             plans.append(_Plan(begin, rows[:count], ends, shares))
+            if first or (ends and speed == 0.0 and count <= _FEW):
+                break
     return min(plans, key=lambda made: _time(made.rows)) if len(plans) > 1 else plans[0] if plans else None
 
 

@@ -35,10 +35,10 @@ _NEARER = 0.1  # least part of the distance to a limit that a step must leave
 _ROUNDING = 1e-9  # part of a relaxed limit that must be left, whatever the expansion to first order says
 # a multiplier is kept within these multiples of that at which its penalty is smallest: far from it the curvature of the
 # penalty says nothing
-_LEAST_FORCE = 0.3
-_MOST_FORCE = 3.0
-_FALL = 0.25  # factor of the penalty per step
-_LEFT = 0.05  # of the penalty: largest time still to be gained, relative to the whole, before the penalty is lowered
+_LEAST_FORCE = 0.1
+_MOST_FORCE = 10.0
+_FALL = 0.1  # factor of the penalty per step
+_LEFT = 0.2  # of the penalty: largest time still to be gained, relative to the whole, before the penalty is lowered
 _PATIENCE = 8  # number of steps in which the worst violation may stay above 0.98 of the least so far
 _PROGRESS = 0.98
 _VIOLATED = 40  # number of steps after which one that still violates a limit is the last
@@ -910,11 +910,11 @@ def states(motion: Motion, begin: Floats, time: Floats, out: Records[Reached]) -
 _FINE = 7.0  # number of spans in the duration of half a ramp
 # slow pieces of a path can make ramps over all of it much longer than they are once lifted
 _WIDEST = 0.5  # of a ramp from rest to the top speed on a straight path, in place of half a ramp of the plan
-# some time intervals exist only due to rounding: their length must not set that of the spans
-_FINEST = 0.02  # of the mean duration of time intervals
+# short time intervals of a plan, and those that exist only due to rounding, are none of the lifted motion
+_FINEST = 0.2  # of the mean duration of time intervals
 _LEAST_SPAN = 1e-9  # s: a first phase of the duration of rounding must not set the first span
 _HIDDEN = 0.1  # of the spans: shorter time intervals do not show in the spline
-_TURNS = 0.15  # largest duration of a span relative to u'/|u''|
+_TURNS = 0.2  # largest duration of a span relative to u'/|u''|
 
 
 @kernel
@@ -952,9 +952,9 @@ def spacing(
             for k in range(begin, begin + wide):
                 lasts = lasts + lasting[k]
             least = min(least, lasts)
-        h = min(least * share / _FINE, _WIDEST / _FINE * ramps[int(motion.piece[m])])
+        h = min(max(least * share / _FINE, _FINEST * mean), _WIDEST / _FINE * ramps[int(motion.piece[m])])
         # spans stay as they are: with other knots the snaps of a lifted motion would exceed their limits
-        step[m] = (lasting[m] if m < spans else max(h, _FINEST * mean)) / float(finer[m])
+        step[m] = (lasting[m] if m < spans else h) / float(finer[m])
     for m in range(n + 1):
         h = min(step[min(m, n - 1)], step[max(m - 1, 0)])
         # the states at the ends fix three coefficients: a span there must not be longer than the phase it lies in
@@ -1034,6 +1034,7 @@ def approximation(
             factor = at_begin if side == 0 else at_end
             far = (c if side == 0 else n + 1 - c) - 2
             part = 1.0 if far >= blended else max(float(far) / float(max(blended, 1)), 0.0)
+            part = part * part * (3.0 - 2.0 * part)
             slower = 1.0 / (factor * factor)
             value = value * (slower + (1.0 - slower) * part)
         coefficient[c] = value
@@ -1051,8 +1052,8 @@ def reserve_factor(
     end: State,
     r: Records[Derivatives],
 ) -> float:
-    """Return the factor >= 1 by which the time of a motion must grow to use no more than shares of each limit along
-    the direction of the path at x, of which `top` is the largest speed.
+    """Return the factor of the time of a motion at which it uses no more than shares of each limit along the direction
+    of the path at x, of which `top` is the largest speed.
 
     end  the state at the end
     r    workspace for each axis
@@ -1075,7 +1076,7 @@ def reserve_factor(
     # a motion that takes f times as long has 1/f .. 1/f⁴ of the derivatives
     factor = max(v / (shares.velocity * top), sqrt(a / (shares.acceleration * room.acceleration)))
     factor = max(factor, cube_root(j / (shares.jerk * room.jerk)))
-    return max(1.0, max(factor, sqrt(sqrt(s / (shares.snap * room.snap)))))
+    return max(factor, sqrt(sqrt(s / (shares.snap * room.snap))))
 
 
 @kernel
