@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ from feeddrive.evaluation.competitor import Competitor
 from feeddrive.evaluation.designs import Designs
 from feeddrive.evaluation.robustness import Design
 from feeddrive.figures import of_runs
+from feeddrive.figures.ranking import ROBUST
 from feeddrive.files.machine import read_machine
 from feeddrive.language.errors import FileError
 from feeddrive.plot.registry import chart_of
@@ -39,6 +42,15 @@ def test_a_law_beats_the_cascade_by_two_percent_or_not_at_all(ratio: float, bett
     said = str(advice(benchmark(ratio)).sentence)
     assert ("'law' has the least rope-snap error" in said) == better
     assert f"on {0 if better else 1} of 1 plants" in said
+
+
+@pytest.mark.parametrize(("peak", "said"), [(2.4, False), (math.inf, True)])
+def test_the_verdict_says_that_the_best_law_is_unstable_with_wrong_numbers(peak: float, said: bool) -> None:
+    found = benchmark(2.0)
+    plain, law = found.rows
+    law = replace(law, figures={**law.figures, ROBUST.key: peak})
+    sentence = str(advice(replace(found, rows=(plain, law))).sentence)
+    assert ("unstable on a plant with masses or stiffnesses 20 % off" in sentence) == said
 
 
 def test_the_picture_has_the_figures_from_the_rope_snap_to_the_error_of_a_cut() -> None:

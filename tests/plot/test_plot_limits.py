@@ -339,3 +339,16 @@ def test_numbers_of_narrow_panels_do_not_touch(least: float, shown: bool) -> Non
         assert ("0.5" in [label.get_text() for label in inside]) == shown
         boxes = [label.get_window_extent() for label in inside]
         assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
+
+
+@pytest.mark.parametrize(("best", "shown"), [(3.1, ["1", "2", "3"]), (3.9, ["1", "2"])])
+def test_a_narrow_logarithmic_range_has_round_numbers(best: float, shown: list[str]) -> None:
+    """Of 1, 2 and 5 a range of 0.9 to 1.4 has a single one, which says nothing of how far the dots are from it."""
+    figure = drawn(scores_chart((["a"], {"snap": [ScoreRow([best], best)]})))
+    figure.canvas.draw()
+    (ax,) = figure.axes
+    low, high = ax.get_xlim()
+    labels = zip(ax.get_xticklabels(), ax.get_xticks(), strict=True)
+    assert [label.get_text() for label, at in labels if low <= at <= high] == shown
+    # and what the numbers are
+    assert ax.get_xlabel() == "times better than P-PI"

@@ -249,9 +249,10 @@ class Benchmark(Result):
             peak = self.robust(law)
             robust = "unstable" if peak is not None and math.isinf(peak) else peak
             scores = (self.score(law, figure).cell for figure in FIGURES)
-            rows.append([law, f"{count}/{len(self.plants)}", *scores, robust])
+            rows.append([law, f"{count}/{len(self.plants)}", robust, *scores])
         varied = Column(Text(f"Ms ±{Quantity(self.rules.varied, 'share'):6}"), form=".2f")
-        return Table(title, ["law", "plants", *HEADS, varied], rows)
+        # beside the name: at the right end a terminal or a page may cut off that a law is unstable
+        return Table(title, ["law", "plants", varied, *HEADS], rows)
 
     def on(self, plant: str) -> Table:
         """Return a table of all figures on one plant."""
@@ -272,17 +273,16 @@ class Benchmark(Result):
         return Table("Best law by plant and figure, and how many times better than P-PI", ["plant", *HEADS[:-1]], rows)
 
     def _winner(self, plant: str, criterion: Figure) -> Cell:
-        placed = (row for row in self.rows if row.plant == plant and not row.unplaced and not row.recipe)
+        placed = [row for row in self.rows if row.plant == plant and not row.unplaced and not row.recipe]
+        ratios = {row.name: self.ratios(row.name, criterion).get(plant, math.nan) for row in placed}
+        finite = sorted((-ratio, law) for law, ratio in ratios.items() if math.isfinite(ratio))
+        if finite:
+            ratio, law = finite[0]
+            return law if law == PLAIN else Text(f"{law} {Quantity(-ratio):.2f}")
+        # where P-PI has no finite figure there is nothing to divide by
         values = [(value, row.name) for row in placed if (value := row.figures.get(criterion.key)) is not None]
-        finite = [entry for entry in values if math.isfinite(entry[0])]
-        if not finite:
-            return None
-        value, law = (max if criterion.higher else min)(finite)
-        plain = self.row(plant, PLAIN)
-        theirs = None if plain is None else plain.figures.get(criterion.key)
-        if law == PLAIN or not theirs or not value:
-            return law
-        return Text(f"{law} {Quantity(_times_better(criterion, value, theirs)):.2f}")
+        known = [entry for entry in values if math.isfinite(entry[0])]
+        return (max if criterion.higher else min)(known)[1] if known else None
 
     def unplaced(self) -> dict[str, dict[str, list[str]]]:
         """Return, by law and reason, the plants on which the law is not ranked."""
@@ -531,6 +531,9 @@ def advice(benchmark: Benchmark, *, asked: bool = False) -> Advice:
             f"of the laws with a place on all plants '{best}' has the least rope-snap error, "
             f"{Quantity(ratio):.2f} times better than P-PI"
         )
+        if math.isinf(benchmark.robust(best) or 0.0):
+            off = Quantity(benchmark.rules.varied, "share")
+            least = Text(f"{least}, but is unstable on a plant with masses or stiffnesses {off} off")
     beaten = sum(any(benchmark.ratios(law, snap).get(plant, 0.0) > _MANY for law in laws) for plant in plants)
     how = f"on {len(plants) - beaten} of {len(plants)} plants {Judgment.SCORED.says}"
     return Advice(Judgment.SCORED, Text(f"{capitalized(least)}; {how}."))

@@ -4,8 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from feeddrive.benchmark.benchmark import FIGURES, Benchmark, advice
-from feeddrive.benchmark.standings import score_tables
+from feeddrive.benchmark.benchmark import FIGURES, Benchmark, Group, advice, order_of
+from feeddrive.benchmark.standings import RANKED_BY, decision_of, score_tables
+from feeddrive.figures.figure import Figure
 from feeddrive.files.run_files import figures_text, summary_text
 from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.language.table import Table
@@ -105,11 +106,37 @@ def summary(benchmark: Benchmark) -> dict[str, Any]:
             for name, variant in benchmark.variants.items()
         },
         "references": [{"plant": row.plant, "law": row.name} | row.record() for row in benchmark.references],
-        "scores": {
-            law: {figure.key: vars(benchmark.score(law, figure)) for figure in FIGURES}
-            for law in (*benchmark.laws, *benchmark.recipes)
-        },
+        **_scores(benchmark),
         "rows": [{"plant": row.plant, "law": row.name, "recipe": row.recipe} | row.record() for row in benchmark.rows],
+    }
+
+
+def _scores(benchmark: Benchmark) -> dict[str, Any]:
+    """Return the scores of the laws, on drawn plants by groups: a mean is over the same plants as those beside it."""
+    if benchmark.rules.draws:
+        return {"groups": [_group(benchmark, group) for group in benchmark.groups()]}
+    laws = (*benchmark.laws, *benchmark.recipes)
+    return {"scores": {law: {figure.key: vars(benchmark.score(law, figure)) for figure in FIGURES} for law in laws}}
+
+
+def _group(benchmark: Benchmark, group: Group) -> dict[str, Any]:
+    """Return the standings of the laws on the plants of a group, best first, and the decided places by the figures by
+    which laws are ranked.
+    """
+
+    def standings(figure: Figure, *, effort: bool) -> list[dict[str, Any]]:
+        order = order_of(benchmark, group, figure, effort=effort)
+        return [row._asdict() | {"settled": row.law not in order.unsettled} for row in order.standings]
+
+    decisions = {figure.key: decision_of(benchmark, group, figure) for figure in RANKED_BY}
+    return {
+        "name": group.name,
+        "plants": list(group.plants),
+        "at_equal_robustness": {figure.key: standings(figure, effort=False) for figure in RANKED_BY},
+        "at_equal_effort": {figure.key: standings(figure, effort=True) for figure in RANKED_BY},
+        "decided_places": {
+            key: {law: list(decision.places(law)) for law in decision.order.laws} for key, decision in decisions.items()
+        },
     }
 
 

@@ -255,7 +255,9 @@ class Rules(Section):
         """Return the plants by name, or all if none is named. Raises ParameterError for an unknown name."""
         for name in names:
             if name not in self.plants:
-                raise ParameterError(f"plant '{name}' is not in the benchmark{nearest(name, self.plants)}")
+                raise ParameterError(
+                    f"plant '{name}' is not in rules {self.version} of the benchmark{nearest(name, self.plants)}"
+                )
         return tuple(plant for name, plant in self.plants.items() if not names or name in names)
 
 

@@ -12,7 +12,7 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
 
     names = list(allowed)
     # get_close_matches finds no letter in common in the other case, as in ppi for P-PI
-    near = get_close_matches(name, names, 3) or [known for known in names if _letters(known) == _letters(name)]
+    near = [known for known in names if _letters(known) == _letters(name)] or get_close_matches(name, names, 3)
     if near:
         return f"; did you mean {' or '.join(near)}?"
     if not names:

@@ -66,6 +66,7 @@ def name_marks(ax: Any, marks: Sequence[Mark], color: Callable[[int], str]) -> N
 P = ParamSpec("P")
 _WIDE, _TALL = 4.2, 10.5  # points: width of a letter of a label, height of a line
 _MANY, _FEW = 1e4, 1e2  # logarithmic ranges: above, only some decades are labeled; below, 2 and 5 are labeled too
+_NARROW = 4.0  # on the x axis: logarithmic ranges below have round numbers between the decades too
 _DECADES = 5.0  # on the x axes of a row of panels: up to so many, 2 and 5 are labeled too
 
 
@@ -174,8 +175,12 @@ def _abscissa(ax: Axes, abscissa: Abscissa, panel: Panel, across: int) -> None:
     if abscissa.scale == looks.LOG:
         ax.set_xscale("log")
         low, high = ax.get_xlim()
-        # three numbers a decade touch each other where narrow panels have many decades
-        style.plain_decades(ax.xaxis, between=across * np.log10(high / low) <= _DECADES)
+        if high < _NARROW * low:
+            # of 1, 2 and 5 there may be a single one in this range
+            style.plain_numbers(ax.xaxis, 4)
+        else:
+            # three numbers a decade touch each other where narrow panels have many decades
+            style.plain_decades(ax.xaxis, between=across * np.log10(high / low) <= _DECADES)
     if abscissa.ticks is not None:
         _ticks(ax.xaxis, abscissa.ticks)
     elif abscissa.scale == looks.LINEAR and across > 1:

@@ -173,14 +173,15 @@ def scores_chart(*rows: tuple[Sequence[str], Scores]) -> Chart:
     rows  for each row of panels its laws from the top, and their ratios by heading
     """
     shown = list[Panel]()
-    for laws, panels in rows:
+    for number_of_row, (laws, panels) in enumerate(rows, 1):
+        label = "times better than P-PI" if number_of_row == len(rows) else ""
         for place, (head, values) in enumerate(panels.items()):
-            shown.append(_scores_panel(laws, head, values, named=place == 0))
+            shown.append(_scores_panel(laws, head, values, label, named=place == 0))
     tallest = max(len(laws) for laws, _ in rows)
     return Chart("", tuple(shown), across=len(rows[0][1]), height=len(rows) * (1.0 + 0.2 * tallest))
 
 
-def _scores_panel(laws: Sequence[str], head: str, rows: Sequence[ScoreRow], *, named: bool) -> Panel:
+def _scores_panel(laws: Sequence[str], head: str, rows: Sequence[ScoreRow], label: str, *, named: bool) -> Panel:
     plants = [(ratio, -place) for place, row in enumerate(rows) for ratio in row.ratios]
     means = [(row.mean, -place) for place, row in enumerate(rows) if row.mean]
     # NaN separates the bars
@@ -202,5 +203,5 @@ def _scores_panel(laws: Sequence[str], head: str, rows: Sequence[ScoreRow], *, n
         high=0.6,
         caption=head,
         # P-PI itself has the ratio 1; without margins the outermost dots would be cut
-        abscissa=Abscissa("", LOG, *_around([1.0, *x], 0.1)),
+        abscissa=Abscissa(label, LOG, *_around([1.0, *x], 0.1)),
     )

@@ -315,6 +315,15 @@ def plain_decades(axis: Any, crowded: bool = False, between: bool = False) -> No
     axis.set_minor_formatter(NullFormatter())
 
 
+def plain_numbers(axis: Any, most: int) -> None:
+    """Write round numbers, `most` steps or fewer, on a logarithmic axis whose range is less than a decade."""
+    from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
+
+    axis.set_major_locator(MaxNLocator(most, steps=(1, 2, 5, 10)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: _plain(value)))
+    axis.set_minor_locator(NullLocator())
+
+
 def _plain(value: float) -> str:
     if 1e-4 < abs(value) < 1e5 or value == 0.0:
         return f"{value:.10g}"

@@ -384,10 +384,15 @@ class Tuner:
                     break
             self._join(joining)
             search = Search(self.criteria(best.control, best.names), *best.box, best.sure)
-            x = best.end.x if search.judge(best.end.x) is not None else None
-            if x is None:
-                x = self._begin(search, best.end.x, speeds(best.control, best.names))
-            end = self._on_all_lines(best.control, best.names, search, search.descend(x))
+            x, powers = best.end.x, speeds(best.control, best.names)
+            if search.judge(x) is None:
+                x = self._begin(search, x, powers)
+            end = search.descend(x)
+            if search.broken(end.judged) > _KEPT:
+                # with the raised penalty a search from below would stay at the first bound that it meets
+                search.penalty = PENALTY
+                end = self._from_below(search, end, x, powers)
+            end = self._on_all_lines(best.control, best.names, search, end)
             self.evaluations += search.criteria.count
             if search.broken(end.judged) > _AT_ODDS:
                 self._refuse(search, end)

@@ -69,7 +69,7 @@ def benchmark(request: BenchmarkRequest, progress: Progress) -> Outcome[Benchmar
     rules.
     """
     if request.retune and request.keep is None:
-        raise ParameterError("retune: name with --keep the directory in which the designs are kept as they are found")
+        raise ParameterError("--retune: name with --keep the directory in which the designs are kept as they are found")
     rules = read_rules(request.rules)
     plants = rules.chosen(request.plant)
     # checked here: an unknown law must be refused before a search that takes hours
