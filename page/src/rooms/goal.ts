@@ -38,7 +38,7 @@ const TITLES: Record<string, string> = {
 
 export class Goal implements Room {
   readonly name = "goal";
-  readonly title = "Tune by goal";
+  readonly title = "Optimize";
   readonly element = make("div", { class: "goal" });
   private readonly form = make("div", { class: "fields" });
   private readonly buttons = make("div", { class: "buttons" });
@@ -78,7 +78,7 @@ export class Goal implements Room {
     if (this.accept.textContent !== accept) this.accept.textContent = accept;
     const { ready, begins, over, unfinished, found = null } = words;
     renew(this.verdict, [ready, begins, over, unfinished], () => [
-      ...(ready ? [] : [make("p", {}, "Bring a machine or a measured response first.")]),
+      ...(ready ? [] : [make("p", {}, "Import a machine or a measured response first.")]),
       ...(begins ? [make("p", {}, begins)] : []),
       ...(over ? [make("p", { id: "goal-over" }, over)] : []),
       ...(unfinished ? [make("p", {}, "The search has not finished: what is shown is the best so far, and is not proven.")] : []),

@@ -44,7 +44,7 @@ export class Prove implements Room {
   readonly name = "prove";
   readonly title = "Prove";
   readonly element = make("div", { class: "prove" });
-  private readonly hint = make("p", {}, "Bring a machine first: what moves on the machine needs its masses and limits.");
+  private readonly hint = make("p", {}, "Import a machine first: what moves needs its masses and limits.");
   private readonly buttons = make("div", { class: "buttons" });
   private readonly parts = new Map(Object.keys(PICTURES).map((name) => [name, part(name)]));
   private readonly chosen = { x: "", y: "", program: "" };
