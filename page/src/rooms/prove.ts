@@ -115,7 +115,7 @@ export class Prove implements Room {
       button("Circle test", () => this.ask({ do: "prove.circle", x: chosen.x, y: chosen.y }), { id: "prove-circle" }),
     ];
     renew(this.buttons, [words.axes, words.programs], () => [
-      button("Certify", () => this.ask({ do: "prove.certify" }), { id: "prove-certify", class: "main" }),
+      button("Prove stability", () => this.ask({ do: "prove.certify" }), { id: "prove-certify", class: "main" }),
       select("Part program", words.programs, "program"),
       button("Run it on the machine", () => this.ask({ do: "prove.program", name: chosen.program }), { id: "prove-program" }),
       button("Correct it", () => this.ask({ do: "prove.correct", name: chosen.program }), {

@@ -338,7 +338,10 @@ class Desk:
         self.off = left
 
     def forget(self, place: int) -> None:
-        """Remove a filter that is off, by its index; this is one undo step. Raises ParameterError for an unknown one."""
+        """Remove a filter that is off, by its index; this is one undo step.
+
+        Raises ParameterError for an unknown one.
+        """
         if not 0 <= place < len(self.off):
             raise ParameterError(f"there is no filter {place + 1} that is off")
         self._remember()

@@ -109,7 +109,7 @@ def _number(value: float | None, factor: float) -> str:
     return "–" if value is None else resolve(f"{Quantity(factor * value, '', form='3')}", Units())
 
 
-def verdict(look: Look, limits: Limits, units: Units) -> tuple[str, str]:
+def verdict_line(look: Look, limits: Limits, units: Units) -> tuple[str, str]:
     """Return the verdict in a few words, and the limit that decides, in a sentence.
 
     The words are `All limits kept`, `Not yet: two limits are broken`, `No limits`, or `Not stable`.
@@ -137,4 +137,3 @@ _COUNTS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 
 def _at_point(look: Look, point: str) -> str:
     return f", {point}" if len(look.figures) > 1 else ""
-

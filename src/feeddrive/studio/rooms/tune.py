@@ -17,11 +17,11 @@ from feeddrive.language.text import joined, resolve
 from feeddrive.language.tree import check_sampled
 from feeddrive.language.units import rounded, turning
 from feeddrive.loop.control import Control
-from feeddrive.plot.chart import ALERT, DEGREES, FREQUENCY, LOG, Band, Chart, Disc, Level, Mark, Note
+from feeddrive.plot.chart import ALERT, FREQUENCY, LOG, Band, Chart, Disc, Level, Mark, Note
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, Values, act
 from feeddrive.studio.history import steps
 from feeddrive.studio.pictures import PICTURES, USUAL, HeldPoles, Parts, charts, choices
-from feeddrive.studio.strip import strip, verdict
+from feeddrive.studio.strip import strip, verdict_line
 from feeddrive.tuning import filters
 from feeddrive.tuning.by_hand import ByHand, Look, Verdict
 from feeddrive.tuning.criteria import Limits
@@ -352,12 +352,14 @@ class Tune(Room):
         control, crossover = self.desk.control, self._now.leading.margins.crossover
         if crossover is None or not speed_powers(control) or self._keeps(self.desk.values):
             return Said({"remedy": None})
-        low, _ = speed_range(control, self._sample_time)
-        for factor in _SLOWER[_SLOWER > low]:
+        low = speed_range(control, self._sample_time)[0]
+        for factor in _SLOWER[low < _SLOWER]:
             wanted = rounded(float(factor) * crossover, 3)
             scaled = quickened(control, wanted / crossover)
             if self._keeps({**self.desk.values, **{name: rounded(value, 7) for name, value in scaled.items()}}):
-                text = resolve(f"With a crossover of {self.units.value_text(wanted, 'Hz')} all limits are kept.", self.units)
+                text = resolve(
+                    f"With a crossover of {self.units.value_text(wanted, 'Hz')} all limits are kept.", self.units
+                )
                 return Said({"remedy": {"crossover": wanted, "text": text}})
         return Said({"remedy": None})
 
@@ -413,7 +415,7 @@ class Tune(Room):
         units = replace(self.units, rotary=bench.rotary)
         drawn = self._around_crossover(with_verdicts(drawn, now, limits, units), seen[TODAY].look)
         margins = now.leading.margins
-        headline, sentence = verdict(now, limits, units)
+        headline, sentence = verdict_line(now, limits, units)
         answer = {
             "strip": strip(now, seen[TODAY].look, limits, units),
             "headline": headline,
