@@ -77,6 +77,13 @@ class Asked:
             raise ParameterError(f"{name} must be a finite number, not {entry!r:.60}")
         return value
 
+    def whole(self, name: str) -> int:
+        """Return a parameter that is a whole number."""
+        value = self.number(name)
+        if value != int(value):
+            raise ParameterError(f"{name} must be a whole number, not {value!r}")
+        return int(value)
+
     def yes(self, name: str, usual: bool = False) -> bool:
         """Return a Boolean parameter; `usual` is its default."""
         value = self.parameters.get(name, usual)

@@ -256,10 +256,7 @@ class Tune(Room):
     @act
     def remove(self, asked: Asked) -> Said:
         """Remove a filter, by its index."""
-        place = asked.number("place")
-        if place != int(place):
-            raise ParameterError(f"place must be a whole number, not {place!r}")
-        self.desk.exchange(filters.with_filters(self.desk.control, (int(place),), ()))
+        self.desk.exchange(filters.with_filters(self.desk.control, (asked.whole("place"),), ()))
         return self._pictures()
 
     @act
@@ -327,23 +324,23 @@ class Tune(Room):
     @act
     def go(self, asked: Asked) -> Said:
         """Undo several steps, or redo them if the count is negative: to a place in the history."""
-        count = asked.number("steps")
-        if count != int(count) or abs(count) > _MOST_STEPS:
-            raise ParameterError(f"steps must be a whole number from -{_MOST_STEPS} to {_MOST_STEPS}, not {count!r}")
-        for _ in range(abs(int(count))):
+        count = asked.whole("steps")
+        if abs(count) > _MOST_STEPS:
+            raise ParameterError(f"steps must be from -{_MOST_STEPS} to {_MOST_STEPS}, not {count}")
+        for _ in range(abs(count)):
             (self.desk.back if count > 0 else self.desk.again)()
         return self._pictures()
 
     @act
     def switch(self, asked: Asked) -> Said:
         """Take a filter out of the loop, or put one that was taken out back as the last filter; its numbers stay."""
-        self.desk.switch(int(asked.number("place")), on=asked.yes("on"))
+        self.desk.switch(asked.whole("place"), on=asked.yes("on"))
         return self._pictures()
 
     @act
     def forget(self, asked: Asked) -> Said:
         """Remove a filter that was switched off."""
-        self.desk.forget(int(asked.number("place")))
+        self.desk.forget(asked.whole("place"))
         return self._pictures()
 
     @act
