@@ -46,6 +46,7 @@ export class Prove implements Room {
   readonly element = make("div", { class: "prove" });
   private readonly hint = make("p", {}, "Import a machine first: what moves needs its masses and limits.");
   private readonly buttons = make("div", { class: "buttons" });
+  private readonly intro = make("div", { class: "empty" });
   private readonly parts = new Map(Object.keys(PICTURES).map((name) => [name, part(name)]));
   private readonly chosen = { x: "", y: "", program: "" };
   private place = 0; // the worst place of the part program that is looked at
@@ -53,7 +54,17 @@ export class Prove implements Room {
   private last: Received | null = null;
 
   constructor(private readonly ask: Ask) {
-    this.element.append(this.hint, this.buttons, ...[...this.parts.values()].map((each) => each.section));
+    this.intro.append(
+      make("h1", {}, "Prove the loop stable"),
+      make(
+        "p",
+        {},
+        "A certificate covers every plant in a disc around the model, with the control as it will run, in exact arithmetic. ",
+        "A checker that shares no code with it checks each step.",
+      ),
+      make("p", {}, "A part program and the circle test of ISO 230-4 run on the simulated machine with the same control."),
+    );
+    this.element.append(this.hint, this.buttons, this.intro, ...[...this.parts.values()].map((each) => each.section));
     const program = this.parts.get("program")!;
     program.pictures.get("path")!.onpick = (_x, _y, _panel, key) =>
       key && program.list.querySelectorAll("button")[Number(key)]?.click();
@@ -65,6 +76,7 @@ export class Prove implements Room {
     const words = received.said as unknown as Words;
     this.hint.hidden = words.ready;
     this.buttons.hidden = !words.ready;
+    this.intro.hidden = !words.ready || Object.keys(words.shown).length > 0;
     this.head(words);
     this.order(Object.keys(words.shown));
     for (const [name, each] of this.parts) {
