@@ -2,7 +2,7 @@
 
 import { dashes } from "./drawing";
 import { scaled_bar } from "./heat";
-import { color, look as chosen, type Look } from "./look";
+import { color, look as chosen, NAMED, type Look } from "./look";
 import { Panel, type Drawn, type Range } from "./panel";
 import { pinch } from "./pinch";
 import { icon, line } from "../icons";
@@ -351,6 +351,7 @@ export class Picture {
         const sample = document.createElement("span");
         sample.className = `sample ${kind}`;
         sample.style.color = color(number, look);
+        if (number >= NAMED) item.className = number === NOW ? "control now" : "control";
         item.append(kind === "line" ? line(color(number, look), dashes(number)) : sample, said);
         return item;
       }),

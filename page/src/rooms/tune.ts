@@ -200,7 +200,8 @@ export class Tune implements Room {
     const all = said.stable && said.judged!.every((each) => each.keeps);
     const state = !all ? "broken" : said.judged!.length ? "kept" : "free";
     this.headline.textContent = `${String(said.headline)}.`;
-    this.sentence.textContent = String(said.sentence);
+    const place = Number(said.places ?? 1) > 1 ? ` Worst of ${said.places} places: ${said.leading}.` : "";
+    this.sentence.textContent = `${said.sentence}${place}`;
     this.verdict.title = said.judged!.map((each) => `${each.text}: ${each.keeps ? "kept" : "broken"}`).join("\n");
     this.verdict.className = all ? "good" : "bad";
     if (this.shape.dataset.state !== state) this.shape.replaceChildren(icon(SHAPES[state]));

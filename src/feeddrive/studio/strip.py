@@ -112,11 +112,11 @@ def _number(value: float | None, factor: float) -> str:
 def verdict_line(look: Look, limits: Limits, units: Units) -> tuple[str, str]:
     """Return the verdict in a few words, and the limit that decides, in a sentence.
 
-    The words are `All limits kept`, `Not yet: two limits are broken`, `No limits`, or `Not stable`.
+    The words are `All limits kept`, `Not yet: two limits are broken`, `No limits`, or `Not stable`. Of several operating
+    points it is `Look.leading` that decides.
     """
     if not look.stable:
-        worst = next(loop.point for loop in look.figures if not loop.stable)
-        return "Not stable", f"The loop oscillates without end{_at_point(look, worst)}: lower the gains or undo."
+        return "Not stable", "The loop oscillates without end: lower the gains, or undo."
     broken = [each for each in look.judged if not each.keeps]
     if not look.judged:
         return "No limits", "Set one by a click on a figure above."
@@ -125,7 +125,7 @@ def verdict_line(look: Look, limits: Limits, units: Units) -> tuple[str, str]:
     at = "" if closest.frequency is None else f" at {Quantity(closest.frequency, 'Hz', form='3')}"
     value = "does not exist" if judged.value is None else f"is {Quantity(judged.value, judged.figure.unit, form='3')}"
     title = judged.figure.title[:1].upper() + judged.figure.title[1:]
-    sentence = Text(f"{title} {value}{at}{_at_point(look, closest.point)}, {limits.bound_text(judged.limit)}.")
+    sentence = Text(f"{title} {value}{at}, {limits.bound_text(judged.limit)}.")
     if not broken:
         return "All limits kept", sentence.shown(units)
     counted = f"{_COUNTS.get(len(broken), len(broken))} limits are" if len(broken) > 1 else "one limit is"
@@ -133,7 +133,3 @@ def verdict_line(look: Look, limits: Limits, units: Units) -> tuple[str, str]:
 
 
 _COUNTS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
-
-
-def _at_point(look: Look, point: str) -> str:
-    return f", {point}" if len(look.figures) > 1 else ""
