@@ -115,7 +115,7 @@ export class Handles {
   }
 
   private place(): void {
-    const area = this.at_edge ? this.picture.area : null;
+    const area = this.at_edge ? this.picture.box : null;
     for (const { grip, element } of this.shown.values()) {
       const [left, top] = [this.picture.pixel(grip.x), this.picture.pixelHeight(grip.y)];
       const edge = area && top !== null ? kept(left, top, area) : null;

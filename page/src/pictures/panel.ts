@@ -147,6 +147,13 @@ export class Panel {
     this.plot.setData(this.corners());
   }
 
+  // Where the content lies within the picture, in pixels of CSS.
+  get box(): DOMRect {
+    const { left, top, width, height } = this.plot.bbox;
+    const ratio = uPlot.pxRatio;
+    return new DOMRect(left / ratio, this.top + top / ratio, width / ratio, height / ratio);
+  }
+
   // Pixels of CSS within the picture: of a value of x, and of y.
   across(x: number): number {
     return pixel(this.axes().x, x) / uPlot.pxRatio;

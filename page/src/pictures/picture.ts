@@ -155,9 +155,7 @@ export class Picture {
   putCursor(x: number): void {
     const first = this.panels[0];
     if (!first) return;
-    const area = first.area;
-    const left = this.field.getBoundingClientRect().left;
-    const share = (left + this.pixel(x) - area.left) / area.width;
+    const share = (this.pixel(x) - first.box.left) / first.box.width;
     if (share >= 0 && share <= 1) for (const each of this.panels) each.point(share);
   }
 
@@ -255,12 +253,9 @@ export class Picture {
     return this.panels[0]?.holds(y) ?? false;
   }
 
-  // Where the first panel lies in the picture, in pixels.
-  get area(): DOMRect | null {
-    const first = this.panels[0]?.area;
-    if (!first) return null;
-    const { left, top } = this.field.getBoundingClientRect();
-    return new DOMRect(first.left - left, first.top - top, first.width, first.height);
+  // Where the content of the first panel lies in the picture, in pixels.
+  get box(): DOMRect | null {
+    return this.panels[0]?.box ?? null;
   }
 
   get canvas(): HTMLElement {

@@ -112,8 +112,8 @@ def _number(value: float | None, factor: float) -> str:
 def verdict_line(look: Look, limits: Limits, units: Units) -> tuple[str, str]:
     """Return the verdict in a few words, and the limit that decides, in a sentence.
 
-    The words are `All limits kept`, `Not yet: two limits are broken`, `No limits`, or `Not stable`. Of several operating
-    points it is `Look.leading` that decides.
+    The words are `All limits kept`, `Not yet: two limits are broken`, `No limits`, or `Not stable`. Of several
+    operating points it is `Look.leading` that decides.
     """
     if not look.stable:
         return "Not stable", "The loop oscillates without end: lower the gains, or undo."
