@@ -346,7 +346,7 @@ export class Picture {
         const sample = document.createElement("span");
         sample.className = `sample ${kind}`;
         sample.style.color = color(number, look);
-        if (number >= NAMED) item.className = number === NOW ? "control now" : "control";
+        if (number >= NAMED && kind !== "area") item.className = number === NOW ? "control now" : "control";
         item.append(kind === "line" ? line(color(number, look), dashes(number)) : sample, said);
         return item;
       }),
