@@ -138,6 +138,7 @@ def _place(verdict: Verdict, units: Units) -> tuple[str, float, float] | None:
 TODAY, NOW = "today", "now"
 SNAPSHOTS = ("A", "B", "C")
 _BELOW, _ABOVE = 16.0, 25.0  # times the crossover of today: what the pictures over the frequency show at first
+_SEEN = 40.0  # dB: a larger gain margin limits no gain
 _SLOWER = np.geomspace(1.0, 0.1, 25)[1:]  # of the crossover: where a loop that keeps all limits is looked for
 _OF_LOOPS = ("open_loop", "sensitivity", "stiffness")
 _REACH = 10.0  # times the crossover of today: the slider of the loop as a whole
@@ -451,7 +452,10 @@ class Tune(Room):
         crossover = today.leading.margins.crossover
         if crossover is None or not today.leading.stable:
             return dict(drawn)
-        middle = self.units.of("Hz")[1] * crossover
+        factor = self.units.of("Hz")[1]
+        # and as far as a resonance could limit the gain
+        margins = [each.frequency for each in today.leading.margins.phase_crossovers if each.gain_margin_dB < _SEEN]
+        lowest, highest = crossover / _BELOW, max(_ABOVE * crossover, 2.0 * max(margins, default=0.0))
 
         def near(name: str, chart: Chart) -> Chart:
             if name not in _OF_LOOPS or chart.scale != FREQUENCY or chart.low is None or chart.high is None:
@@ -460,7 +464,7 @@ class Tune(Room):
             if name == "open_loop":
                 # the gain follows what is in view
                 panels = (replace(panels[0], low=None, high=None), *panels[1:])
-            low, high = max(chart.low, middle / _BELOW), min(chart.high, middle * _ABOVE)
+            low, high = max(chart.low, factor * lowest), min(chart.high, factor * highest)
             return replace(chart, panels=panels, low=low, high=high)
 
         return {name: near(name, chart) for name, chart in drawn.items()}
