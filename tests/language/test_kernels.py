@@ -21,7 +21,7 @@ import pytest
 from feeddrive.language import ops
 from feeddrive.language.kernels import kernel as module
 from feeddrive.language.kernels.elementary import floor_division
-from feeddrive.language.kernels.kernel import _DATA, _WORD_AT, QUICK, THOROUGH, Kernel, interpreted
+from feeddrive.language.kernels.kernel import _DATA, _SIZES, _WORD_AT, QUICK, THOROUGH, Kernel, interpreted
 from feeddrive.language.kernels.source import KernelError
 from fresh_draws import Seeded
 from kernel_oracle import bits, compare, drawn, written
@@ -346,11 +346,20 @@ def test_arguments_are_checked_before_the_call_in_both_ways():
     assert raises(1, 2) == 1.0
 
 
-def test_the_address_of_an_array_is_that_of_its_first_cell(tmp_path: Path):
-    """As numpy says it: of whole arrays, views, those of a file and those of no cell."""
+def test_an_array_object_has_the_address_of_its_first_cell_and_its_sizes(tmp_path: Path):
+    """As numpy says them: of whole arrays, views, those of a file and those of no cell."""
     mapped = np.memmap(tmp_path / "cells", dtype=np.float64, mode="w+", shape=(4, 2))
     for each in (np.ones((4, 3)), np.ones((4, 3))[2:], np.ones(7)[3:5], mapped, mapped[1:], np.zeros((0, 3))):
         assert _WORD_AT(id(each) + _DATA).value == each.__array_interface__["data"][0]
+        sizes = _WORD_AT(id(each) + _SIZES).value
+        assert tuple(_WORD_AT(sizes + 8 * index).value for index in range(each.ndim)) == each.shape
+
+
+def test_array_objects_of_another_layout_are_refused(monkeypatch: pytest.MonkeyPatch):
+    """The sizes are looked for where the address of the first cell stands."""
+    monkeypatch.setattr(module, "_SIZES", _DATA)
+    with pytest.raises(ImportError, match="kernels know array objects of CPython with NumPy 2, not of"):
+        module._check_layout()
 
 
 def test_writing_through_rows_and_called_kernels_counts_as_writing():

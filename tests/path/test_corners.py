@@ -1,5 +1,8 @@
 """Sharp corners passed in time: what they cost, limits and tolerance of the sum, faults that the proof must see."""
 
+# pyright: reportPrivateUsage=false
+# the end of a run at a corner is decided inside a module
+
 from __future__ import annotations
 
 from copy import copy
@@ -12,10 +15,39 @@ from paths import LIMITS, arc, joined_up, lines, random_limits
 from feeddrive.language.kernels.kernel import interpreted
 from feeddrive.path.geometry.joints import Joiner, joined
 from feeddrive.path.geometry.segments import Chain
-from feeddrive.path.motion import Motion, Part, Pieces, direction
+from feeddrive.path.motion import (
+    Interval,
+    Motion,
+    Part,
+    Pieces,
+    Section,
+    chain,
+    derivatives,
+    direction,
+    from_rows,
+    moved,
+    part_of_pieces,
+    rows,
+    slowed,
+)
 from feeddrive.path.proof import Proof, Prover
 from feeddrive.path.schedule import corner as planner
-from feeddrive.path.schedule.corner import ROWS, Crossings, LineStretch, Node, overlapped, shared, straight, width
+from feeddrive.path.schedule import planner as schedule_planner
+from feeddrive.path.schedule.corner import (
+    ROWS,
+    End,
+    LineStretch,
+    Node,
+    overlap,
+    shared,
+    slower_overlap,
+    straight,
+    together,
+    width,
+)
+from feeddrive.path.schedule.crossings import Crossings, Lines, _end, overlapped
+from feeddrive.path.schedule.lift import Lifter
+from feeddrive.path.schedule.planner import Planner
 from feeddrive.path.schedule.run import Schedule, plan_run
 from feeddrive.path.setpoints import Sampler
 from fresh_draws import Seeded
@@ -149,7 +181,7 @@ def test_a_short_overlap_lasts_as_long_as_the_closed_form(lasts: float):
 def test_phases_that_end_within_1e_12_of_an_overlap_end_together(apart: float, count: int):
     one, two = np.zeros((2, 6)), np.zeros((2, 6))
     one[:, 0], two[:, 0] = (0.5, 0.5), (0.5 + apart, 0.5 - apart)
-    assert shared(one, two, 1.0, np.zeros((4, 6)), np.zeros((4, 6))).common == count
+    assert shared(one, 2, two, 2, 1.0, np.zeros((4, 6)), np.zeros((4, 6))).common == count
 
 
 def test_arcs_overlap_in_corners_as_lines_do():
@@ -296,6 +328,56 @@ def test_zigzags_take_less_time_than_from_stop_to_stop(sharpest: float, mean: fl
     assert np.mean(_zigzags(sharpest, 40)) <= mean
 
 
+def test_runs_of_a_square_overlap_by_half_of_a_side():
+    """The directions share no axis, and the tolerance is as long as a side; 1e-5 of the time of a side."""
+    square = lines(np.array([[0.0, 0, 0], [1e-3, 0, 0], [1e-3, 1e-3, 0], [0.0, 1e-3, 0]]), 0.15)
+    sections = [Section(part_of_pieces(square, k, k + 1), True, 1e-3) for k in range(3)]
+    parts = list(Planner(LIMITS).along(sections, True))
+    both = [float(np.sum(part.motion.duration)) for part in parts if part.entering]
+    assert both == pytest.approx([0.5 * stopped(square) / 3.0] * 2, rel=1e-5)
+
+
+def test_lines_planned_at_once_move_as_one_after_the_other(monkeypatch: pytest.MonkeyPatch):
+    """Zigzags in space with stops and arcs between, in groups of seven and alone behind an arc; to rounding."""
+    monkeypatch.setattr(schedule_planner, "MANY", 7)
+    draw = np.random.default_rng(8)
+    for sharpest, tolerance in ((45.0, None), (175.0, None), (175.0, 0.0), (90.0, 1e-3)):
+        segments, drawn = zigzag(draw, sharpest)
+        tolerances = np.full(30, drawn if tolerance is None else tolerance)
+        tolerances[[5, 6, 20]] = 0.0
+        runs, joint = joined(segments, tolerances)
+        corners = tolerances[: len(joint.stop)][joint.stop == 1]
+        sections = [Section(pieces, True, corner) for pieces, corner in zip(runs, corners.tolist(), strict=True)]
+        bow = Section(arc((0.0, 0.0), 0.01, 0.0, 0.5 * np.pi, 0.15), True, drawn)
+        sections[12:12] = sections[14:14] = [bow]
+        alone = Crossings(LIMITS)
+        expected = list[Part]()
+        for section in sections:
+            motion = plan_run(section.pieces, LIMITS)
+            expected += alone.add(Part(section.pieces, motion, True), section.tolerance)
+        expected += alone.end()
+        planned, lines_alone = Crossings(LIMITS), Planner(LIMITS)
+        found = list[Part]()
+        for scheduled in lines_alone.scheduled(sections):
+            if isinstance(scheduled, Lines):
+                found += planned.add_lines(scheduled)
+            else:
+                found += planned.add(scheduled.part, scheduled.tolerance)
+        found += planned.end()
+        assert len(found) == len(expected)
+        for one, other in zip(found, expected, strict=True):
+            assert one.ends == other.ends
+            both = [(one.pieces, other.pieces), (one.motion, other.motion)]
+            assert (one.entering is None) == (other.entering is None)
+            if one.entering is not None and other.entering is not None:
+                assert one.entering.tolerance == other.entering.tolerance
+                both += [(one.entering.pieces, other.entering.pieces), (one.entering.motion, other.entering.motion)]
+            for left, right in both:
+                for column, wanted in zip(left, right, strict=True):
+                    # sums of durations in another order
+                    np.testing.assert_allclose(column, wanted, rtol=1e-9, atol=1e-9 * max(1e-30, np.abs(wanted).max()))
+
+
 def _polyline(draw: np.random.Generator) -> Pieces:
     """Of one scale, of lengths over decades, along axes, or there and back; fed at 0.1 mm/s to 1 m/s, or traversed."""
     n, kind, scale = int(draw.integers(2, 25)), int(draw.integers(0, 4)), 10.0 ** draw.uniform(-6.0, -0.5)
@@ -344,3 +426,62 @@ def _reversed(segments: Pieces) -> Pieces:
     """The line first, then the arc."""
     line, bow = (Pieces(*(each[k : k + 1] for each in segments)) for k in (1, 0))
     return joined_up(line, bow)
+
+
+LENS = (arc((0.0, 0.0), 0.01, 0.0, 0.5 * np.pi, 0.15), arc((0.01, 0.01), 0.01, np.pi, 1.5 * np.pi, 0.15))
+
+
+def _lens() -> list[Part]:
+    """Two arcs that meet at 90 degrees, each lifted."""
+    return [next(Lifter(LIMITS).add(Part(each, plan_run(each, LIMITS), True))) for each in LENS]
+
+
+def _at(part: Part, t: float) -> np.ndarray:
+    """q' to q'''' of a part in which one piece is run, at a time from its start, shape (N, 4)."""
+    whole, rates = np.append(0.0, np.cumsum(part.motion.duration)), np.zeros((3, 5))
+    m = int(np.clip(np.searchsorted(whole, t, side="right") - 1, 0, len(part.motion.duration) - 1))
+    _, x, v, a, j, s = moved.python(
+        Interval(*(float(column[m]) for column in (part.motion.duration, *part.motion[2:]))), t - whole[m]
+    )
+    derivatives(int(part.pieces.kind[0]), float(part.pieces.length[0]), part.pieces.shape[0], x, rates)
+    out = np.zeros((3, 5))
+    chain(v, a, j, s, rates, out)
+    return out[:, 1:]
+
+
+@pytest.mark.parametrize(("lasts", "above"), [(0.3, 1.03), (0.6, 1.06)])
+def test_the_use_of_limits_by_two_arcs_is_that_at_instants(lasts: float, above: float):
+    """At 400 instants velocity to jerk are at most what is found, and hardly less: curvature counts as it is there."""
+    parts = _lens()
+    end, begin = _end(parts[0], True), _end(parts[1], False)
+    lasts *= min(end.lasts, begin.lasts)
+    for k, limits in enumerate(np.where(np.eye(4)[:3, None] == 1.0, LIMITS, 1e12)):
+        use, _, slower = together(end, begin, lasts, limits, 1e12)
+        sums = [_at(parts[0], end.lasts - lasts + t) + _at(parts[1], t) for t in np.linspace(0.0, lasts, 400)[1:-1]]
+        largest = float(np.max(np.abs(sums) / limits))
+        assert largest * (1.0 - 1e-9) <= use <= above * largest
+        assert slower == pytest.approx(use ** (1.0 / (k + 1)), rel=1e-12)
+
+
+def test_two_arcs_are_both_slower_where_their_sum_is_above_a_limit_by_little():
+    """Arcs that use the limits throughout overlap by 13 ms as they are; slower they take 11 ms less."""
+    parts = _lens()
+    end, begin = _end(parts[0], True), _end(parts[1], False)
+    crossings = Crossings(LIMITS)
+    found = [*crossings.add(parts[0], 5e-5), *crossings.add(parts[1], 0.0), *crossings.end()]
+    assert proof(found).count == 0, proof(found).faults[0]
+    as_they_are = overlap(end, begin, min(end.lasts, begin.lasts), 5e-5, LIMITS)
+    assert time(found) < time(parts) - as_they_are - 0.008
+    lasts, factor = slower_overlap(end, begin, 0.1, 5e-5, LIMITS, time(parts), 0.0)
+    assert 1.0 < factor < 1.1
+    use, away, _ = together(_slow(end, factor), _slow(begin, factor), lasts, LIMITS, 0.15)
+    assert 0.99 < use <= 1.0 + 1e-9
+    assert away <= 5e-5
+
+
+def _slow(end: End, factor: float) -> End:
+    """The end of a run that takes `factor` times as long."""
+    return end._replace(
+        motion=rows(slowed(from_rows(np.asarray(end.motion), 0), factor)),
+        lasts=factor * end.lasts,
+    )

@@ -18,11 +18,11 @@ from test_plan_drawn import program
 
 from feeddrive.language.errors import ProgramError
 from feeddrive.path.motion import Motion, Part
-from feeddrive.path.program.moves import Move
+from feeddrive.path.program.moves import Move, Straight
 from feeddrive.path.program.reading import read_program
 from feeddrive.path.proof import Prover
 from feeddrive.path.schedule import lift
-from feeddrive.path.schedule.corner import Crossings
+from feeddrive.path.schedule.crossings import Crossings
 from feeddrive.path.schedule.run import plan_run
 from feeddrive.path.setpoints import planned
 from fresh_draws import Seeded
@@ -99,17 +99,20 @@ def test_looser_limits_are_never_slower_for_many_programs(tmp_path: Path) -> Non
     assert max(found) <= 0.03
 
 
-@pytest.mark.slow(reason="600 lines of 3D_Chips with eight sets of limits")
-def test_an_excerpt_of_chips_is_never_slower_with_looser_limits() -> None:
-    """At the jerk of 1e8 mm/s³, 106 lifts of 100 had failed, and it took 5.04 s where 1e7 took 4.78 s."""
+@pytest.mark.slow(reason="600 lines of 3D_Chips with eight sets of limits each")
+@pytest.mark.parametrize(("first", "most", "least"), [(1, 6.40, 4.41), (1800, 5.53, 3.60), (3600, 5.53, 3.76)])
+def test_an_excerpt_of_chips_is_never_slower_with_looser_limits(first: int, most: float, least: float) -> None:
+    """At the jerk of 1e8 mm/s³, 106 lifts of 100 had failed, and it took 5.04 s where 1e7 took 4.78 s; later lines took
+    1.5 % longer, as lifted motions could not overlap in corners any more.
+    """
     path = PROGRAMS / "linuxcnc" / "3D_Chips.ngc"
     if not path.exists():
         pytest.skip(f"NOT PLANNED: {path} is not there")
-    moves = list[Move]()
-    for move in read_program(path):
-        if move.source.number > 600:
-            break
-        moves.append(move)
+    moves = [
+        move
+        for move in read_program(path)
+        if move.source.number < first + 600 and (move.source.number >= first or not isinstance(move, Straight))
+    ]
     times = [
         proven(moves, np.array([[0.5, 5.0, jerk, snap]] * 3))
         for jerk, snap in (
@@ -124,8 +127,8 @@ def test_an_excerpt_of_chips_is_never_slower_with_looser_limits() -> None:
         )
     ]
     assert np.all(np.array(times[1:]) <= np.minimum.accumulate(times)[:-1] * (1.0 + SLOWER))
-    assert times[0] < 6.5
-    assert times[-1] < 4.4
+    assert times[0] < most
+    assert times[-1] < least
 
 
 def s_curve(way: float, v: float, a: float, j: float) -> float:

@@ -392,8 +392,7 @@ def test_a_plateau_shorter_than_the_rounding_of_its_path_is_left_out(length: flo
 @pytest.mark.parametrize(("count", "kept"), [(80, 80), (150, 100)])
 def test_a_hundred_faults_are_described_and_all_are_counted(count: int, kept: int) -> None:
     prover = Prover(LIMITS)
-    prover._faults = np.zeros((count, 5))
-    prover._note(count, 0, np.zeros(1, np.int64), np.ones(1), 0.0)
+    prover._note(count, np.zeros((count, 5)), np.zeros(1, np.int64), np.ones(1), 0.0)
     proof = prover.proof()
     assert proof.count == count
     assert len(proof.faults) == kept

@@ -278,6 +278,12 @@ class Motion(NamedTuple):
     snap: Floats
 
 
+def slowed(motion: Motion, factor: float) -> Motion:
+    """Return a motion along the same path that takes `factor` times as long."""
+    duration, piece, x, v, a, j, s = motion
+    return Motion(duration * factor, piece, x, v / factor, a / factor**2, j / factor**3, s / factor**4)
+
+
 class Interval(NamedTuple):
     """A time interval of constant u'''' on one known piece: its duration (s), and x .. u'''' at its start."""
 
@@ -440,3 +446,24 @@ def chain(v: float, a: float, j: float, s: float, r: Records[Derivatives], out: 
             r4 * v * v * v * v + 6.0 * r3 * v * v * a + r2 * (3.0 * a * a + 4.0 * v * j) + r1 * s,
         )
     return 0
+
+
+@kernel
+def at_instant(
+    pieces: Pieces, now: Interval, p: int, t: float, r: Records[Derivatives], q: Records[Derivatives]
+) -> tuple[int, float]:
+    """Write r - r(0) .. r'''' and q - r(0) .. q'''' of each axis, t seconds after the start of a time interval.
+
+    `now.x` is measured on piece p.  Return the piece on which the motion is then, and the start of the interval on it.
+    """
+    _, x0, v, a, j, s = now
+    last = len(pieces.length) - 1
+    here = x0 + way(v, a, j, s, t)
+    while here > pieces.length[p] and p < last:
+        x0 = x0 - pieces.length[p]
+        here = here - pieces.length[p]
+        p = p + 1
+    here = min(max(here, 0.0), pieces.length[p])
+    derivatives(pieces.kind[p], pieces.length[p], pieces.shape[p], here, r)
+    chain(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s, r, q)
+    return p, x0

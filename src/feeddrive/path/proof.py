@@ -38,7 +38,7 @@ from typing import NamedTuple
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Ints, Records, Records2, zeros
+from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Records, Records2, zeros
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
@@ -47,13 +47,13 @@ from feeddrive.path.motion import (
     Entering,
     Motion,
     Part,
+    Piece,
     Pieces,
     chain,
     counted,
     cubic,
     derivatives,
     part_of_pieces,
-    rows,
     turned,
     way,
     when,
@@ -362,9 +362,7 @@ def share_of_limits(
 
 
 @kernel
-def _taken(
-    kind: int, length: float, shape: Floats2, x: float, s: float, u: Floats2, b: float, e: float, r: Floats3
-) -> float:
+def _taken(piece: Piece, x: float, s: float, u: Floats2, b: float, e: float, r: Floats3) -> float:
     """Write the intervals of one motion over a span: products into `u`, r' .. r'''' into `r`; return a bound on |r'|.
 
     On input u[9] to u[11] contain u' .. u''' at t = 0.
@@ -376,40 +374,39 @@ def _taken(
     a0, a1 = parabola_range(a, j, s, b, e)
     j0, j1 = line_range(j, s, b, e)
     products(v0, v1, a0, a1, j0, j1, u)
-    x0 = min(max(x + way(v, a, j, s, b), 0.0), length)
-    x1 = min(max(x + way(v, a, j, s, e), 0.0), length)
+    x0 = min(max(x + way(v, a, j, s, b), 0.0), piece.length)
+    x1 = min(max(x + way(v, a, j, s, e), 0.0), piece.length)
     # near a rest rounding may let the end lie before the start
-    return slopes(kind, length, shape, x0, max(x0, x1), r)
+    return slopes(piece.kind, piece.length, piece.shape, x0, max(x0, x1), r)
+
+
+class _Moving(NamedTuple):
+    """One of two motions over a span of time, on a piece of its path.
+
+    x, s  position at t = 0, m, and constant snap u''''
+    u     products, as written by `products`, and in rows 9 to 11 u' .. u''' at t = 0
+    r     intervals of r' .. r'''' over the span
+    """
+
+    piece: Piece
+    x: float
+    s: float
+    u: Floats2
+    r: Floats3
 
 
 @kernel
 def _share(
-    kind0: int,
-    length0: float,
-    shape0: Floats2,
-    x0: float,
-    s0: float,
-    u0: Floats2,
-    kind1: int,
-    length1: float,
-    shape1: Floats2,
-    x1: float,
-    s1: float,
-    u1: Floats2,
-    limits: Floats2,
-    feed: float,
-    b: float,
-    e: float,
-    slack: float,
-    r0: Floats3,
-    r1: Floats3,
+    one: _Moving, two: _Moving, limits: Floats2, feed: float, b: float, e: float, slack: float
 ) -> tuple[float, int]:
     """Return an upper bound, over all values within the intervals, on the utilization of any limit by the sum of two
     motions from b to e, and the index of the limit with that bound, as in `share_of_limits`.
     """
+    u0, s0, r0 = one.u, one.s, one.r
+    u1, s1, r1 = two.u, two.s, two.r
     out = zeros(4, 3)
-    _taken(kind0, length0, shape0, x0, s0, u0, b, e, r0)
-    _taken(kind1, length1, shape1, x1, s1, u1, b, e, r1)
+    _taken(one.piece, one.x, s0, u0, b, e, r0)
+    _taken(two.piece, two.x, s1, u1, b, e, r1)
     most = 0.0
     where = 0
     speed = 0.0
@@ -453,45 +450,34 @@ def _used(v: float, a: float, j: float, s: float, limits: Floats, uses: Floats) 
 
 
 @kernel
-def _derived(
-    kind: int,
-    length: float,
-    shape: Floats2,
-    x: float,
-    s: float,
-    u: Floats2,
-    r: Records[Derivatives],
-    q: Records[Derivatives],
-) -> int:
-    """Write the derivatives of one piece at x into r, and those of the motion into q."""
-    derivatives(kind, length, shape, min(max(x, 0.0), length), r)
-    chain(u[9, 0], u[10, 0], u[11, 0], s, r, q)
+def _derived(moving: _Moving, r: Records[Derivatives], q: Records[Derivatives]) -> int:
+    """Write the derivatives of the piece at the start of a span into r, and those of the motion into q."""
+    kind, length, shape = moving.piece
+    u = moving.u
+    derivatives(kind, length, shape, min(max(moving.x, 0.0), length), r)
+    chain(u[9, 0], u[10, 0], u[11, 0], moving.s, r, q)
     return 0
 
 
 @kernel
 def prove_sum(
-    kind0: int,
-    length0: float,
-    shape0: Floats2,
-    motion0: Floats2,
-    kind1: int,
-    length1: float,
-    shape1: Floats2,
-    motion1: Floats2,
+    one: Piece,
+    motion0: Motion,
+    two: Piece,
+    motion1: Motion,
     limits: Floats2,
     widened: float,
     feed: float,
     faults: Floats2,
     uses: Floats2,
-    r: Records2[Derivatives],
-    q: Records2[Derivatives],
+    work: _Work,
 ) -> tuple[int, int, float]:
-    """Prove the sum of two motions with common time intervals; return the number of spans tested, the number of faults,
-    and a bound on the distance, m.
+    """Prove the sum of two motions with common time intervals, each on a piece of its own; return the number of spans
+    tested, the number of faults, and a bound on the distance, m.
 
     Each fault is a row of `faults`: time interval, time within it, limit, utilization.
     """
+    r, q = work.paths, work.motions
     spans = 0
     faulty = 0
     # depth first: the 40 halvings down to a share of 1e-12 need no more than 41 open spans
@@ -500,81 +486,38 @@ def prove_sum(
     u1 = zeros(12, 2)
     r0 = zeros(12, 4, 2)
     r1 = zeros(12, 4, 2)
-    for m in range(len(motion0)):
-        x0 = motion0[m, 1]
-        x1 = motion1[m, 1]
-        s0 = motion0[m, 5]
-        s1 = motion1[m, 5]
-        for k in range(3):
-            u0[9 + k, 0] = motion0[m, 2 + k]
-            u1[9 + k, 0] = motion1[m, 2 + k]
-        _derived(kind0, length0, shape0, x0, s0, u0, r[0], q[0])
-        _derived(kind1, length1, shape1, x1, s1, u1, r[1], q[1])
+    for m in range(len(motion0.duration)):
+        u0[9, 0], u0[10, 0], u0[11, 0] = motion0.speed[m], motion0.acceleration[m], motion0.jerk[m]
+        u1[9, 0], u1[10, 0], u1[11, 0] = motion1.speed[m], motion1.acceleration[m], motion1.jerk[m]
+        moving0 = _Moving(one, motion0.x[m], motion0.snap[m], u0, r0)
+        moving1 = _Moving(two, motion1.x[m], motion1.snap[m], u1, r1)
+        _derived(moving0, r[0], q[0])
+        _derived(moving1, r[1], q[1])
         for i in range(len(limits)):
-            one = q[0, i]
-            two = q[1, i]
+            left = q[0, i]
+            right = q[1, i]
             _used(
-                one.first + two.first,
-                one.second + two.second,
-                one.third + two.third,
-                one.fourth + two.fourth,
+                left.first + right.first,
+                left.second + right.second,
+                left.third + right.third,
+                left.fourth + right.fourth,
                 limits[i],
                 uses[i],
             )
         count = 1
-        halves[0] = 0.0, motion0[m, 0]
+        halves[0] = 0.0, motion0.duration[m]
         # a span that is still open at this width is at a limit up to rounding: it counts as a fault
-        shortest = motion0[m, 0] * 1e-12
+        shortest = motion0.duration[m] * 1e-12
         while count > 0:
             count = count - 1
             b = halves[count, 0]
             e = halves[count, 1]
             spans = spans + 1
-            share, which = _share(
-                kind0,
-                length0,
-                shape0,
-                x0,
-                s0,
-                u0,
-                kind1,
-                length1,
-                shape1,
-                x1,
-                s1,
-                u1,
-                limits,
-                feed,
-                b,
-                e,
-                1e-13,
-                r0,
-                r1,
-            )
+            share, which = _share(moving0, moving1, limits, feed, b, e, 1e-13)
             if share <= 1.0 + widened:
                 continue
             middle = 0.5 * (b + e)
-            share, which = _share(
-                kind0,
-                length0,
-                shape0,
-                x0,
-                s0,
-                u0,
-                kind1,
-                length1,
-                shape1,
-                x1,
-                s1,
-                u1,
-                limits,
-                feed,
-                middle,
-                middle,
-                -1e-13,
-                r0,
-                r1,
-            )
+            share, which = _share(moving0, moving1, limits, feed, middle, middle, -1e-13)
             if share > 1.0 + widened or e - b <= shortest or count + 2 > len(halves):
                 if faulty < len(faults):
                     faults[faulty] = 0.0, float(m), middle, float(which), share
@@ -583,46 +526,42 @@ def prove_sum(
             halves[count] = middle, e
             halves[count + 1] = b, middle
             count = count + 2
-    away = distance(kind0, length0, shape0, motion0, kind1, length1, shape1, motion1, r)
+    away = distance(one, motion0, two, motion1, r)
     return spans, faulty, away
 
 
 @kernel
-def _place(motion: Floats2, t: float) -> float:
-    """Return the position x of a motion at the time t."""
-    begin = 0.0
-    m = 0
-    while m + 1 < len(motion) and t >= begin + motion[m, 0]:
-        begin = begin + motion[m, 0]
-        m = m + 1
-    return motion[m, 1] + way(motion[m, 2], motion[m, 3], motion[m, 4], motion[m, 5], t - begin)
+def _after(motion: Motion, m: int, t: float) -> float:
+    """Return the position x of a motion t seconds after the start of time interval m."""
+    return motion.x[m] + way(motion.speed[m], motion.acceleration[m], motion.jerk[m], motion.snap[m], t)
 
 
 @kernel
-def distance(
-    kind0: int,
-    length0: float,
-    shape0: Floats2,
-    motion0: Floats2,
-    kind1: int,
-    length1: float,
-    shape1: Floats2,
-    motion1: Floats2,
-    r: Records2[Derivatives],
-) -> float:
+def _place(motion: Motion, t: float) -> float:
+    """Return the position x of a motion at the time t."""
+    begin = 0.0
+    m = 0
+    while m + 1 < len(motion.duration) and t >= begin + motion.duration[m]:
+        begin = begin + motion.duration[m]
+        m = m + 1
+    return _after(motion, m, t - begin)
+
+
+@kernel
+def distance(one: Piece, motion0: Motion, two: Piece, motion1: Motion, r: Records2[Derivatives]) -> float:
     """Bound the distance between q and the corner's two pieces, m, for motions that do not run backwards."""
+    kind0, length0, shape0 = one
+    kind1, length1, shape1 = two
     r0 = zeros(12, 4, 2)
     r1 = zeros(12, 4, 2)
-    norm0 = slopes(kind0, length0, shape0, min(max(motion0[0, 1], 0.0), length0), length0, r0)
-    last = len(motion1) - 1
-    x1 = motion1[last, 1] + way(
-        motion1[last, 2], motion1[last, 3], motion1[last, 4], motion1[last, 5], motion1[last, 0]
-    )
+    norm0 = slopes(kind0, length0, shape0, min(max(motion0.x[0], 0.0), length0), length0, r0)
+    last = len(motion1.duration) - 1
+    x1 = _after(motion1, last, motion1.duration[last])
     norm1 = slopes(kind1, length1, shape1, 0.0, min(max(x1, 0.0), length1), r1)
     low = 0.0
     high = 0.0
-    for m in range(len(motion0)):
-        high = high + motion0[m, 0]
+    for m in range(len(motion0.duration)):
+        high = high + motion0.duration[m]
     # the remaining distance falls and the covered one rises, so there is one time at which they are equal
     for _ in range(60):
         t = 0.5 * (low + high)
@@ -754,43 +693,54 @@ def _noted(faults: Floats2, count: int, p: int, m: int, time: float, which: floa
     return count + 1
 
 
+class _Reached(NamedTuple):
+    """What is carried from part to part.
+
+    state  x, u' .. u''' at the end of the previous part, on the first piece of the next one
+    place  position there, m, shape (N,)
+    uses   peak utilization of each limit, shape (N, 4)
+    jumps  largest jumps at joints so far: of the position, m, and of velocity to jerk, as a share of its limit
+    """
+
+    state: Floats
+    place: Floats
+    uses: Floats2
+    jumps: Floats
+
+
+class _Work(NamedTuple):
+    """Work arrays: open spans, intervals of r' .. r'''', and derivatives of paths, three, and motions, two of them."""
+
+    halves: Floats2
+    r: Floats3
+    paths: Records2[Derivatives]
+    motions: Records2[Derivatives]
+
+
 @kernel
 def _prove(
-    kind: Ints,
-    length: Floats,
-    origin: Floats2,
-    shape: Floats3,
-    feed: Floats,
-    duration: Floats,
-    piece: Ints,
-    x: Floats,
-    speed: Floats,
-    acceleration: Floats,
-    jerk: Floats,
-    snap: Floats,
+    pieces: Pieces,
+    motion: Motion,
     limits: Floats2,
     widened: float,
     anywhere: bool,
     ends: bool,
     alone: bool,
-    state: Floats,
-    place: Floats,
+    reached: _Reached,
     faults: Floats2,
-    uses: Floats2,
-    jumps: Floats,
-    halves: Floats2,
-    r: Floats3,
-    before: Records[Derivatives],
-    after: Records[Derivatives],
-    q: Records[Derivatives],
+    work: _Work,
 ) -> tuple[int, int]:
     """Return the number of tests and the number of faults; a row of `faults` contains path piece, time interval, time
     within it, limit, utilization.
 
-    A motion that is not `alone` is only proven to have no jumps; its limits apply to a sum, checked by `prove_sum`. On
-    input `state` is x, u' .. u''' at the end of the previous part, on the first piece of this one, and `place` is the
-    position there unless the motion begins `anywhere`; on output both refer to the end of this part.
+    A motion that is not `alone` is only proven to have no jumps; its limits apply to a sum, checked by `prove_sum`. It
+    begins where `reached` says, or `anywhere`, and on output `reached` is the end of this part.
     """
+    kind, length, origin, shape, feed = pieces.kind, pieces.length, pieces.origin, pieces.shape, pieces.feed
+    duration, piece, x, speed, acceleration, jerk, snap = motion
+    state, place, uses, jumps = reached
+    halves, r = work.halves, work.r
+    before, after, q = work.paths[0], work.paths[1], work.motions[0]
     tests = 0
     count = 0
     n = len(limits)
@@ -927,6 +877,82 @@ def _prove(
     return tests, count
 
 
+class _Faults(NamedTuple):
+    """The faults of both motions of two runs that overlap, and of their sum, as rows of `Broken`."""
+
+    first: Floats2
+    second: Floats2
+    both: Floats2
+
+
+class _Corner(NamedTuple):
+    """What was found where two runs overlap.
+
+    spans                number of tests
+    first, second, both  numbers of faults of both motions and of their sum
+    meets                True if both are on one piece of path, in the same pieces of time, and meet in the corner
+    away                 bound on the distance to the corner, m
+    """
+
+    spans: int
+    first: int
+    second: int
+    both: int
+    meets: bool
+    away: float
+
+
+@kernel
+def _prove_corner(
+    one: Pieces,
+    motion0: Motion,
+    two: Pieces,
+    motion1: Motion,
+    limits: Floats2,
+    widened: float,
+    anywhere: bool,
+    ends: bool,
+    reached: _Reached,
+    faults: _Faults,
+    work: _Work,
+) -> _Corner:
+    """Prove two runs that overlap: the end of the first, and the beginning of the second from rest in the corner."""
+    spans0, first = _prove(one, motion0, limits, widened, anywhere, ends, False, reached, faults.first, work)
+    state, place = reached.state, reached.place
+    n = len(place)
+    for k in range(len(state)):
+        state[k] = 0.0
+    apart = 0.0
+    size = 0.0
+    for i in range(n):
+        apart = max(apart, abs(place[i] - two.origin[0, i]))
+        size = max(size, abs(place[i]))
+    spans1, second = _prove(two, motion1, limits, widened, True, False, False, reached, faults.second, work)
+    meets = len(one.length) == 1 and len(two.length) == 1 and ends
+    meets = meets and len(motion0.duration) == len(motion1.duration)
+    if meets:
+        for m in range(len(motion0.duration)):
+            meets = meets and motion0.duration[m] == motion1.duration[m]
+    if meets:
+        reached.jumps[0] = max(reached.jumps[0], apart)
+        meets = apart <= 1e-12 * (1.0 + size)
+    if not meets:
+        return _Corner(spans0 + spans1, first, second, 0, False, 0.0)
+    spans, both, away = prove_sum(
+        Piece(one.kind[0], one.length[0], one.shape[0]),
+        motion0,
+        Piece(two.kind[0], two.length[0], two.shape[0]),
+        motion1,
+        limits,
+        widened,
+        max(one.feed[0], two.feed[0]),
+        faults.both,
+        reached.uses,
+        work,
+    )
+    return _Corner(spans0 + spans1 + spans, first, second, both, True, away)
+
+
 DERIVATIVES = ("velocity", "acceleration", "jerk", "snap")
 
 
@@ -978,13 +1004,12 @@ class Prover:
 
     def __init__(self, limits: np.ndarray, widened: float = WIDENED) -> None:
         axes = len(limits)
-        self._raw, self._weights = np.ascontiguousarray(limits, float), np.ones(axes)
+        self._raw, self._ones = np.ascontiguousarray(limits, float), np.ones(axes)
         self._limits, self._widened = self._raw, widened
-        self._state, self._time, self._place = np.zeros(4), 0.0, np.zeros(axes)
-        self._stands = False  # True if a run has ended at `_place`, where the next one must begin
-        self._faults, self._use, self._jumps = np.zeros((_KEPT, 5)), np.zeros((axes, 4)), np.zeros(2)
-        self._room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
-        self._both = [np.zeros((3, axes, 5)), np.zeros((2, axes, 5))]
+        self._given: np.ndarray | None = None  # weights of the last part
+        self._reached, self._time = _Reached(np.zeros(4), np.zeros(axes), np.zeros((axes, 4)), np.zeros(2)), 0.0
+        self._stands = False  # True if a run has ended there, where the next one must begin
+        self._work, self._faults = _work_for(axes), _Faults(*(np.zeros((_KEPT, 5)) for _ in range(3)))
         self._first_faults: list[Fault] = []
         self._count = self._spans = 0
         self._missed = 0.0
@@ -992,111 +1017,102 @@ class Prover:
     def prove(self, part: Part) -> bool:
         """Check the next part; return True if all its limits are proven to be satisfied."""
         before = self._count
-        part = self._weighted(part, part.weights)
-        time, alone = self._time, part.entering is None
-        self._along(part.pieces, part.motion, part.ends, alone, not self._stands)
-        if part.entering is not None:
-            # the next run begins here, from rest
-            self._state[:], self._time, corner = 0.0, 0.0, self._place.copy()
-            self._along(part.entering.pieces, part.entering.motion, False, alone, True)
-            self._together(part, part.entering, corner, time)
+        if part.weights is not self._given:
+            self._weigh(part.weights)
+        if part.weights is not None:
+            part = _weighted(part, part.weights)
+        if part.entering is None:
+            self._alone(part)
+        else:
+            self._together(part, part.entering)
         # after a fault the next part starts from its own state: one error is not reported again by all that follow
-        if (part.ends and alone) or self._count > before:
-            self._state[:], self._time = 0.0, 0.0
+        if (part.ends and part.entering is None) or self._count > before:
+            self._reached.state[:], self._time = 0.0, 0.0
         self._stands = self._count == before
         return self._count == before
 
-    def _weighted(self, part: Part, weights: np.ndarray | None) -> Part:
-        """Return a part with each axis multiplied by its weight, and do the same to the limits and to the place."""
-        by = np.ones(len(self._raw)) if weights is None else weights
-        if not np.array_equal(by, self._weights):
-            self._place *= by / self._weights
-            self._limits, self._weights = self._raw * by[:, None], by
-        if weights is None:
-            return part
-        entering = part.entering
-        if entering is not None:
-            entering = entering._replace(pieces=counted(entering.pieces, weights))
-        return part._replace(pieces=counted(part.pieces, weights), entering=entering)
+    def _weigh(self, weights: np.ndarray | None) -> None:
+        """Multiply limits and place by the weights of the next part instead of those of the last one."""
+        old, by = (self._ones if each is None else each for each in (self._given, weights))
+        self._reached.place[:] *= by / old
+        self._limits, self._given = self._raw * by[:, None], weights
 
-    def _along(self, pieces: Pieces, motion: Motion, ends: bool, alone: bool, anywhere: bool) -> None:
-        """Prove that a motion has no jumps and, if it is `alone`, satisfies the limits; it starts at the end of the
-        previous motion, or `anywhere`.
-        """
+    def _alone(self, part: Part) -> None:
+        """Prove that a motion has no jumps and satisfies the limits, and begins where the previous one has ended."""
         spans, count = _prove(
-            pieces.kind,
-            pieces.length,
-            pieces.origin,
-            pieces.shape,
-            pieces.feed,
-            *motion,
+            part.pieces,
+            part.motion,
             self._limits,
             self._widened,
-            anywhere,
-            ends,
-            alone,
-            self._state,
-            self._place,
-            self._faults,
-            self._use,
-            self._jumps,
-            *self._room,
+            not self._stands,
+            part.ends,
+            True,
+            self._reached,
+            self._faults.first,
+            self._work,
         )
-        self._note(count, spans, pieces.line, motion.duration, self._time)
-        self._time += float(motion.duration.sum())
+        self._spans += spans
+        self._note(count, self._faults.first, part.pieces.line, part.motion.duration, self._time)
+        self._time += float(part.motion.duration.sum())
 
-    def _together(self, part: Part, entering: Entering, corner: np.ndarray, time: float) -> None:
-        """Prove two overlapping runs of equal duration on one piece each at the corner: limits of the sum, and
-        distance.
-        """
-        one, two = part.pieces, entering.pieces
-        alike = np.array_equal(part.motion.duration, entering.motion.duration)
-        if len(one.length) != 1 or len(two.length) != 1 or not part.ends or not alike:
-            self._refuse(one, time, -6, 0.0)
-            return
-        apart = float(np.abs(corner - two.origin[0]).max())
-        self._jumps[0] = max(self._jumps[0], apart)
-        if apart > 1e-12 * (1.0 + np.abs(corner).max()):
-            self._refuse(one, time, -6, 0.0)
-            return
-        spans, count, away = prove_sum(
-            int(one.kind[0]),
-            float(one.length[0]),
-            one.shape[0],
-            rows(part.motion),
-            int(two.kind[0]),
-            float(two.length[0]),
-            two.shape[0],
-            rows(entering.motion),
+    def _together(self, part: Part, entering: Entering) -> None:
+        """Prove two overlapping runs: that neither jumps, limits of the sum, and distance to the corner."""
+        one, two, time = part.pieces, entering.pieces, self._time
+        found = _prove_corner(
+            one,
+            part.motion,
+            two,
+            entering.motion,
             self._limits,
             self._widened,
-            float(max(one.feed[0], two.feed[0])),
+            not self._stands,
+            part.ends,
+            self._reached,
             self._faults,
-            self._use,
-            *self._both,
+            self._work,
         )
-        self._note(count, spans, one.line, part.motion.duration, time)
-        self._missed = max(self._missed, away / entering.tolerance)
-        if not away <= entering.tolerance * (1.0 + self._widened):
-            self._refuse(one, time, -7, away / entering.tolerance)
+        self._spans += found.spans
+        # the next run begins here, from rest
+        self._time = float(entering.motion.duration.sum())
+        self._note(found.first, self._faults.first, one.line, part.motion.duration, time)
+        self._note(found.second, self._faults.second, two.line, entering.motion.duration, 0.0)
+        if not found.meets:
+            self._refuse(one, time, -6, 0.0)
+            return
+        self._note(found.both, self._faults.both, one.line, part.motion.duration, time)
+        self._missed = max(self._missed, found.away / entering.tolerance)
+        if not found.away <= entering.tolerance * (1.0 + self._widened):
+            self._refuse(one, time, -7, found.away / entering.tolerance)
 
     def _refuse(self, pieces: Pieces, time: float, which: int, share: float) -> None:
-        self._faults[0] = 0.0, 0.0, 0.0, which, share
-        self._note(1, 0, pieces.line, np.zeros(0), time)
+        self._faults.both[0] = 0.0, 0.0, 0.0, which, share
+        self._note(1, self._faults.both, pieces.line, np.zeros(0), time)
 
-    def _note(self, count: int, spans: int, line: np.ndarray, duration: np.ndarray, time: float) -> None:
+    def _note(self, count: int, faults: np.ndarray, line: np.ndarray, duration: np.ndarray, time: float) -> None:
         """Record the faults of a motion that begins at `time` in the run."""
-        rows = self._faults[: min(count, _KEPT - len(self._first_faults))]
+        rows = faults[: min(count, _KEPT - len(self._first_faults))] if count else ()
         if len(rows):
             begins = time + np.concatenate([[0.0], np.cumsum(duration)])
             self._first_faults += [_fault(row, line, begins) for row in rows]
         self._count += count
-        self._spans += spans
 
     def proof(self) -> Proof:
         """Return the proof of all parts so far."""
-        apart, jump = map(float, self._jumps)
-        return Proof(tuple(self._first_faults), self._count, self._use.copy(), jump, apart, self._missed, self._spans)
+        apart, jump = map(float, self._reached.jumps)
+        use = self._reached.uses.copy()
+        return Proof(tuple(self._first_faults), self._count, use, jump, apart, self._missed, self._spans)
+
+
+def _weighted(part: Part, weights: np.ndarray) -> Part:
+    """Return a part with each axis multiplied by its weight."""
+    entering = part.entering
+    if entering is not None:
+        entering = entering._replace(pieces=counted(entering.pieces, weights))
+    return part._replace(pieces=counted(part.pieces, weights), entering=entering)
+
+
+def _work_for(axes: int) -> _Work:
+    return _Work(np.zeros((64, 2)), np.zeros((axes, 4, 2)), np.zeros((3, axes, 5)), np.zeros((2, axes, 5)))
 
 
 def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
@@ -1106,26 +1122,17 @@ def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
     axes, first = len(limits), int(motion.piece[0])
     state = np.array([motion.x[0], motion.speed[0], motion.acceleration[0], motion.jerk[0]])
     faults = np.zeros((_KEPT, 5))
-    room = [np.zeros((64, 2)), np.zeros((axes, 4, 2)), *(np.zeros((axes, 5)) for _ in range(3))]
-    on = part_of_pieces(pieces, first, len(pieces.length))
     _, count = _prove(
-        on.kind,
-        on.length,
-        on.origin,
-        on.shape,
-        on.feed,
-        *motion._replace(piece=motion.piece - first),
+        part_of_pieces(pieces, first, len(pieces.length)),
+        motion._replace(piece=motion.piece - first),
         limits,
         WIDENED,
         True,
         False,
         True,
-        state,
-        np.zeros(axes),
+        _Reached(state, np.zeros(axes), np.zeros((axes, 4)), np.zeros(2)),
         faults,
-        np.zeros((axes, 4)),
-        np.zeros(2),
-        *room,
+        _work_for(axes),
     )
     return faults[:count]
 

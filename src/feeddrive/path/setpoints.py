@@ -20,17 +20,16 @@ from feeddrive.language.errors import FeeddriveError, ProgramError
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Records, Records2
 from feeddrive.language.quantity import Quantity, number
-from feeddrive.language.series import Taylor
 from feeddrive.language.text import Text
 from feeddrive.language.threads import ahead, through
-from feeddrive.path.feed_loss import CORNER, FeedLossRecorder
+from feeddrive.path.feed_loss import FeedLossRecorder
 from feeddrive.path.geometry.joints import SMOOTH, Joiner
 from feeddrive.path.geometry.segments import Chain, chains
 from feeddrive.path.geometry.weights import ANGLE_TOLERANCE
 from feeddrive.path.limits import LETTERS, MachineLimits
+from feeddrive.path.lines_along import LinesAlong
 from feeddrive.path.motion import (
     LINE,
-    Changes,
     Derivatives,
     Motion,
     Part,
@@ -38,23 +37,22 @@ from feeddrive.path.motion import (
     Pieces,
     Section,
     TipColumns,
-    chain,
+    at_instant,
     counted,
-    cubic,
     derivatives,
-    direction,
+    interval_of,
     part_of_pieces,
-    way,
 )
 from feeddrive.path.program.blocks import Line
 from feeddrive.path.program.budget import Spending
 from feeddrive.path.program.moves import Arc, Begin, Move, Spline, Straight, ToolPoint
 from feeddrive.path.proof import Prover
 from feeddrive.path.purpose import DEFAULT, Settings
-from feeddrive.path.schedule.corner import Line as LineRun
+from feeddrive.path.schedule.crossings import Lines
 from feeddrive.path.schedule.override import Overridden, Override
 from feeddrive.path.schedule.planner import Planner, Scheduled
 from feeddrive.path.tip_proof import LEFT, TipProver
+from feeddrive.path.whereabouts import TANGENT, direction_of, end_of, tip_speed, where_at
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
@@ -244,7 +242,7 @@ def _leaving(planned: Iterable[_Joined | Part | Pause]) -> Iterator[Part | Pause
     """Yield the parts in m and rad, with the lines along them and the path modes of their ends, and the pauses."""
     joints: deque[str] = deque()  # path modes of the undecided joints
     modes: deque[str] = deque()  # path modes at the ends of runs not yet yielded
-    lines, frame = _Lines(), None
+    lines, frame = LinesAlong(), None
     for each in planned:
         if isinstance(each, Pause):
             yield each
@@ -315,7 +313,7 @@ def _lifted(scheduled: Iterable[tuple[Planner, Any]]) -> Iterator[_Joined | Part
             yield each
         elif isinstance(each, _End):
             yield from planner.end() if each.ends else ()
-        elif isinstance(each, Scheduled | LineRun):
+        elif isinstance(each, Scheduled | Lines):
             yield from planner.lifted(each)
         else:
             joined = each if isinstance(each, _Joined) else each.result()
@@ -336,58 +334,6 @@ def _with_corners(sections: list[Section], joints: list[Section], tip: TipProver
             out[k] = joints[k]._replace(tolerance=sections[k].tolerance)
             tip.pass_corner(sections[k].tolerance)
     return out
-
-
-class _Run:
-    """Where the line changes along a run, whose parts are yielded one after the other."""
-
-    def __init__(self) -> None:
-        self.length = 0.0  # m, known so far
-        self.changes: list[Changes] = []
-        self.passed = 0.0  # m, up to the first piece of the next part
-        self.known = Changes(np.zeros(0), np.zeros(0, np.int64))
-
-    def within(self, length: float) -> Changes:
-        """Return the changes from `passed` on over a length, m."""
-        at, line = self.known
-        if self.changes:
-            at, line = (np.concatenate(columns) for columns in zip(self.known, *self.changes, strict=True))
-            self.changes = []
-        first = max(int(at.searchsorted(self.passed, side="right")) - 1, 0)
-        # what has been passed is dropped, since a run may go on for as long as the program does
-        self.known = Changes(at[first:], line[first:])
-        last = int(at.searchsorted(self.passed + length, side="right"))
-        return Changes(at[first:last] - self.passed, line[first:last])
-
-
-class _Lines:
-    """The lines along the runs whose sections are joined and whose parts are not yet yielded."""
-
-    def __init__(self) -> None:
-        self._runs: deque[_Run] = deque()
-        self._open = False
-
-    def add(self, section: Section) -> None:
-        """Add the next section."""
-        if not self._open:
-            self._runs.append(_Run())
-        run, self._open = self._runs[-1], not section.ends
-        if section.lines is not None:
-            run.changes.append(Changes(section.lines.at + run.length, section.lines.line))
-        run.length += float(section.pieces.length.sum())
-
-    def told(self, part: Part) -> Part:
-        """Return the next part with the lines along its pieces."""
-        run, length = self._runs[0], part.pieces.length
-        changes = run.within(float(length.sum()))
-        # the next part begins on the piece on which this one ends
-        run.passed += float(length[:-1].sum())
-        if part.ends:
-            self._runs.popleft()
-        entering = part.entering
-        if entering is not None:
-            entering = entering._replace(lines=self._runs[0].within(float(entering.pieces.length.sum())))
-        return part._replace(lines=changes, entering=entering)
 
 
 def _in_radians(part: Part, weights: np.ndarray | None) -> Part:
@@ -438,35 +384,22 @@ def _sample(
     """
     count = 0
     since = begin
-    last = len(pieces.length) - 1
     for m in range(len(motion.duration)):
-        T = motion.duration[m]
+        now = interval_of(motion, m)
         p = int(motion.piece[m])
-        x0 = motion.x[m]
-        v = motion.speed[m]
-        a = motion.acceleration[m]
-        j = motion.jerk[m]
-        s = motion.snap[m]
         while count < len(out):
             # from the sample number: a running sum of sample times would drift in programs of hours
             t = (first + count) * sample_time - since
-            if t >= T:
+            if t >= now.duration:
                 break
             # the sum of durations may pass a sampling instant by rounding
-            t = max(t, 0.0)
-            here = x0 + way(v, a, j, s, t)
-            while here > pieces.length[p] and p < last:
-                x0 = x0 - pieces.length[p]
-                here = here - pieces.length[p]
-                p = p + 1
-            here = min(max(here, 0.0), pieces.length[p])
-            derivatives(pieces.kind[p], pieces.length[p], pieces.shape[p], here, r)
+            p, x = at_instant(pieces, now, p, max(t, 0.0), r, out[count])
+            now = now._replace(x=x)
             axes = out[count]
-            chain(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s, r, axes)
             for i in range(len(r)):
                 axes[i] = axes[i]._replace(value=pieces.origin[p, i] + r[i].value)
             count = count + 1
-        since = since + T
+        since = since + now.duration
     return count
 
 
@@ -517,7 +450,6 @@ class Sampler:
         return out
 
 
-_TANGENT = 1e-6  # rad: a smaller angle is not a corner
 _AT_FEED = 0.999  # of the feed: above it the feed is the limiting cause
 _AT_ONCE = 16384  # largest number of samples of a standstill per block
 _HALF = 0.5  # of a limit: a sample below this share of all limits is limited by none
@@ -624,6 +556,7 @@ class Setpoints:
         self._sampler = Sampler(sample_time)
         self._counts = np.zeros(4 * len(limits.axes) + 3, np.int64)
         self._position = np.zeros(len(limits.axes))
+        self._moved: Part | None = None  # the part since then, at whose end nothing has stood yet
         self._along: np.ndarray | None = None  # final direction of the previous run, and the path mode of its stop
         self._mode = ""
         self._waits: Pause | None = None  # the pause since then
@@ -685,7 +618,7 @@ class Setpoints:
         if self._along is not None:  # a run begins where another one has ended
             if self._waits is None:
                 angle = self._corner(part)
-                corner = angle > _TANGENT
+                corner = angle > TANGENT
                 reason = (CORNERS if corner else BENDS)[self._mode]
                 self._stand(reason, 0.0, int(pieces.line[0]), angle if corner else 0.0)
             else:
@@ -694,10 +627,10 @@ class Setpoints:
         self.proven = self.prover.prove(part) and self.proven and self.tip.proven
         for values in self._sampler.slices(part):
             times = (self.samples + np.arange(len(values))) * self.sample_time - self.time
-            where = _where(part, times, self._array[:, 0])
+            where = where_at(part, times, self._array[:, 0])
             feed, programmed = where.feed, where.programmed
             if part.tip is not None:
-                speed, bound = _tip_speed(values, part.tip, where.rate, feed)
+                speed, bound = tip_speed(values, part.tip, where.rate, feed)
                 if part.entering is None:
                     feed = programmed = bound
             else:
@@ -710,8 +643,9 @@ class Setpoints:
             yield samples
         self.time += float(np.sum(motion.duration))
         self._last_line = int((pieces if part.lines is None else part.lines).line[-1])
-        self._position, along = _end(part)
+        self._moved = part
         if part.ends and part.entering is None:
+            self._moved, (self._position, along) = None, end_of(part)
             self.runs += 1
             self._along, self._mode = along, part.mode
 
@@ -723,8 +657,14 @@ class Setpoints:
             self._waits = pause
         yield from self._rest(pause.duration, pause.line)
 
+    def _place(self) -> np.ndarray:
+        """Return the present position."""
+        if self._moved is not None:
+            self._moved, (self._position, _) = None, end_of(self._moved)
+        return self._position
+
     def _stand(self, reason: str, duration: float, line: int, angle: float = 0.0) -> None:
-        self.stops.append(Standstill(self.time, duration, line, self._position, reason, angle))
+        self.stops.append(Standstill(self.time, duration, line, self._place(), reason, angle))
         self.losses.stop(self.time, duration, reason)
 
     def _rest(self, duration: float, line: int) -> Iterator[Samples]:
@@ -732,7 +672,7 @@ class Setpoints:
         ends, longest = self.time + duration, _AT_ONCE * self.sample_time
         while duration > 0.0:
             now = min(duration, longest)
-            values = self._sampler.rest(self._position, now)
+            values = self._sampler.rest(self._place(), now)
             rest = np.zeros(len(values))
             samples = Samples(self.samples, values, np.full(len(values), line), rest, rest, self.proven)
             self.samples += len(values)
@@ -750,7 +690,7 @@ class Setpoints:
         r = np.zeros((len(self.limits.axes), 5))
         first = counted(part_of_pieces(part.pieces, 0, 1), part.weights)
         derivatives(int(first.kind[0]), float(first.length[0]), first.shape[0], 0.0, r)
-        begin = _along(r, float(first.length[0]), 1.0)
+        begin = direction_of(r, float(first.length[0]), 1.0)
         # by the chord: the arc cosine of a scalar product has no digits at small angles
         return 2.0 * float(np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(begin - self._along)))))
 
@@ -775,129 +715,3 @@ def causes(share: np.ndarray, speed: np.ndarray, feed: np.ndarray) -> np.ndarray
     reasons[speed >= _AT_FEED * feed] = limits
     reasons[feed == 0.0] = limits + 2
     return reasons
-
-
-_STANDS = 1e-9  # speed of the tip over u': below it only angles change, and the feed is theirs
-
-
-def _tip_speed(
-    values: np.ndarray, tip: TipColumns, rate: np.ndarray, feed: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the speed of the tip in the frame of the workpiece and its feed, m/s; where the tip stands, u' and its
-    bound.
-
-    values  samples of the joints;  rate  u', m/s;  feed  the bound of u'
-    """
-    linear, rotary = ([Taylor(values[:, k, 0], values[:, k, 1]) for k in columns] for columns in tip[1:])
-    speed = np.sqrt(sum(axis.terms[1] ** 2 for axis in tip.kinematics.tip(linear, rotary)))
-    moves = (rate > 0.0) & (speed > _STANDS * rate)
-    # the feed of paced pieces bounds u', of which the speed of the tip is a multiple
-    multiple = np.where(moves, speed, 1.0) / np.where(moves, rate, 1.0)
-    return np.where(moves, speed, rate), feed * multiple
-
-
-class _Where(NamedTuple):
-    """Where a part is at given times.
-
-    line        program line
-    feed        bound of the path speed of the run, m/s
-    shape       LINE, ARC, POLYNOMIAL or PACED, or CORNER where two runs overlap
-    programmed  programmed feed, m/s; where two runs overlap that of both ways: (u0' + u1')/F = u0'/F0 + u1'/F1
-    rate        u' of the run, m/s
-    """
-
-    line: np.ndarray
-    feed: np.ndarray
-    shape: np.ndarray
-    programmed: np.ndarray
-    rate: np.ndarray
-
-
-def _where(part: Part, times: np.ndarray, velocity: np.ndarray) -> _Where:
-    """Return where a part is at given times, s, from its start.
-
-    velocity  velocity limits of the axes, m/s, which are the feed of a traverse where two runs overlap
-    """
-    at = _along_path(part.pieces, part.motion, part.lines, times)
-    feed = part.pieces.feed[at.piece]
-    if part.entering is None:
-        return _Where(at.line, feed, part.pieces.kind[at.piece], feed, at.rate)
-    entering = part.entering
-    other = _along_path(entering.pieces, entering.motion, entering.lines, times)
-    # that of the run that is farther from the corner: the distance to the path is measured from its point (`proof`)
-    entered = other.gone > float(np.sum(part.pieces.length)) - at.gone
-    first, second = np.abs(at.rate), np.abs(other.rate)
-    slowness = first / _feed(part.pieces, velocity, part.weights)
-    slowness += second / _feed(entering.pieces, velocity, part.weights)
-    return _Where(
-        np.where(entered, other.line, at.line),
-        np.where(entered, entering.pieces.feed[other.piece], feed),
-        np.full(len(times), CORNER),
-        np.where(slowness > 0.0, (first + second) / np.where(slowness > 0.0, slowness, 1.0), feed),
-        at.rate,
-    )
-
-
-class _Along(NamedTuple):
-    """Distance from the start of the first piece (m), index of the piece, program line and u' (m/s) of a run."""
-
-    gone: np.ndarray
-    piece: np.ndarray
-    line: np.ndarray
-    rate: np.ndarray
-
-
-def _along_path(pieces: Pieces, motion: Motion, lines: Changes | None, times: np.ndarray) -> _Along:
-    """Return where a run is at given times, s, from the start of its motion."""
-    begins = np.cumsum(motion.duration) - motion.duration
-    m = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
-    far = np.cumsum(pieces.length)
-    u = (far - pieces.length)[motion.piece[m]] + motion.x[m]
-    v, a, j, s = (row[m] for row in motion[3:])
-    since = times - begins[m]
-    gone: Any = way.python  # plain arithmetic, which also accepts arrays
-    u += gone(v, a, j, s, since)
-    p = np.clip(np.searchsorted(far, u), 0, len(far) - 1)
-    rate_of: Any = cubic.python
-    rate = rate_of(v, a, j, s, since)
-    if lines is None:
-        return _Along(u, p, pieces.line[p], rate)
-    k = np.clip(np.searchsorted(lines.at, u, side="right") - 1, 0, len(lines.at) - 1)
-    return _Along(u, p, lines.line[k], rate)
-
-
-def _feed(pieces: Pieces, velocity: np.ndarray, weights: np.ndarray | None) -> float:
-    """Return the feed of a single piece, on a traverse the largest speed along it within the velocity limits, m/s."""
-    feed = float(pieces.feed[0])
-    if math.isfinite(feed):
-        return feed
-    along = np.abs(direction(pieces, 0))
-    length = float(np.linalg.norm(along if weights is None else along * weights))
-    return length / max(float(np.max(along / velocity)), 1e-300)
-
-
-def _end(part: Part) -> tuple[np.ndarray, np.ndarray]:
-    """Return the position and direction at the end of a part that ends at rest."""
-    pieces, motion = part.pieces, part.motion
-    p, last = int(motion.piece[-1]), len(pieces.length) - 1
-    x = float(motion.x[-1] + way(*(float(column[-1]) for column in (*motion[3:], motion.duration))))
-    # a run ends exactly at the end of its path, from which x differs by rounding
-    while p < last and (part.ends or x > pieces.length[p]):
-        x, p = x - float(pieces.length[p]), p + 1
-    length = float(pieces.length[p])
-    r = np.zeros((pieces.origin.shape[1], 5))
-    derivatives(int(pieces.kind[p]), length, pieces.shape[p], length if part.ends else min(x, length), r)
-    place = pieces.origin[p] + r[:, 0]
-    if part.weights is not None:
-        r *= part.weights[:, None]
-    return place, _along(r, length, -1.0)
-
-
-def _along(r: np.ndarray, length: float, side: float) -> np.ndarray:
-    """Return the path direction at the start (`side` 1) or end (-1) of a piece, also where r' of a spline is 0."""
-    # r' vanishes at the end of a spline whose control points coincide: the next derivative has the direction
-    for k in (1, 2, 3):
-        size = float(np.linalg.norm(r[:, k]))
-        if size * length ** (k - 1) > _TANGENT:
-            return side ** (k - 1) * r[:, k] / size
-    return np.zeros(len(r))

@@ -299,7 +299,7 @@ def _remember() -> None:
 
 def _entry(place: int, source: Source, symbol: str) -> str:
     """Return an LLVM function that reads a kernel's arguments from 64-bit words and writes its results to them."""
-    words = [word for _, kind in source.signature.leaves for word in (kind, *[INT] * kind.dimensions)]
+    words = [kind for _, kind in source.signature.leaves]
     returned = struct_type(source.signature.results)
     results = [kind for result in source.signature.results for _, kind in result.leaves("")]
     lines, operands = list[str](), list[str]()
@@ -310,7 +310,18 @@ def _entry(place: int, source: Source, symbol: str) -> str:
         lines.append(f"%w{at} = load {loaded}, ptr %p{at}")
         if loaded != kind.llvm:
             lines.append(f"%t{at} = trunc i64 %w{at} to i1")
-        operands.append(f"{kind.llvm} %{'w' if loaded == kind.llvm else 't'}{at}")
+        if not kind.dimensions:
+            operands.append(f"{kind.llvm} %{'w' if loaded == kind.llvm else 't'}{at}")
+            continue
+        # the word of an array is the address of its object
+        for name, offset in (("cells", _DATA), ("sizes", _SIZES)):
+            lines.append(f"%{name}p{at} = getelementptr i8, ptr %w{at}, i64 {offset}")
+            lines.append(f"%{name}{at} = load ptr, ptr %{name}p{at}")
+        operands.append(f"ptr %cells{at}")
+        for index in range(kind.dimensions):
+            lines.append(f"%sp{at}.{index} = getelementptr i64, ptr %sizes{at}, i64 {index}")
+            lines.append(f"%s{at}.{index} = load i64, ptr %sp{at}.{index}")
+            operands.append(f"i64 %s{at}.{index}")
     lines.append(f"%made = call {returned} @{symbol}({', '.join(operands)})")
     for at, kind in enumerate(results):
         value = f"%r{at}"
@@ -361,15 +372,17 @@ def _compiler() -> str:
 
 
 _FORMATS = {"float": "d", "int": "q", "bool": "q"}
-_ADDRESS, _COUNT = "P", "q"
+_ADDRESS = "P"
 _WORD = 8  # bytes
 _CELLS: dict[str, np.dtype[Any]] = {
     "float": np.dtype(np.float64),
     "int": np.dtype(np.int64),
     "record": np.dtype(np.float64),
 }
-# NumPy's PyArrayObject stores the address of the first cell after the object header; read there, as its API is too slow
+# NumPy's PyArrayObject has the address of the first cell after the object header, then the number of indices and the
+# address of their sizes; the machine code reads them there, since NumPy takes ten times as long to say them
 _DATA = object.__basicsize__
+_SIZES = _DATA + 2 * _WORD
 _WORD_AT = ctypes.c_size_t.from_address
 
 _P = ParamSpec("_P")
@@ -432,9 +445,9 @@ class Kernel(Generic[_P, _R]):
         if compiled is None or compiled.code is not unit.code:
             compiled = self._compiled = self._bound()
         place = -1
-        for (cell, dimensions, width), value in zip(compiled.kinds, values, strict=True):
+        for (cell, indices, width), value in zip(compiled.kinds, values, strict=True):
             place += 1
-            if not dimensions:
+            if not indices:
                 words.append(value if type(value) is cell else self._checked(place, value))
                 continue
             if not (
@@ -442,11 +455,11 @@ class Kernel(Generic[_P, _R]):
                 # dtypes in native byte order are single objects; any other takes the slow check below
                 and value.dtype is cell
                 and value.flags.carray
-                and (value.ndim == dimensions if not width else value.shape[dimensions:] == (width,))
+                and value.ndim == indices
+                and (not width or value.shape[-1] == width)
             ):
                 self._checked(place, value)
-            words.append(_WORD_AT(id(value) + _DATA).value if _READS_THE_OBJECT else value.ctypes.data)
-            words += value.shape[:dimensions] if width else value.shape
+            words.append(id(value))
         memory = compiled.memory()
         compiled.arguments.pack_into(memory, 0, *words)
         if unit.quick:
@@ -474,10 +487,7 @@ class Kernel(Generic[_P, _R]):
     def _bound(self) -> _Compiled:
         """Return this kernel's compiled function, taken from the current machine code of the file."""
         code, address = self.unit.entry(self.source)
-        words = [
-            _FORMATS[kind.element] if not kind.dimensions else _ADDRESS + _COUNT * kind.dimensions
-            for _, kind in self._leaves
-        ]
+        words = [_ADDRESS if kind.dimensions else _FORMATS[kind.element] for _, kind in self._leaves]
         results = [_FORMATS[kind.element] for result in self.source.signature.results for _, kind in result.leaves("")]
         call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(address)
         arguments, returned = struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}")
@@ -585,9 +595,13 @@ class Kernel(Generic[_P, _R]):
 
 
 def _kind(kind: Type) -> tuple[object, int, int]:
-    """Return the type required of an argument (float or array dtype), its number of indices and number of columns."""
+    """Return the type required of an argument (float or array dtype), its number of indices, and its number of columns
+    if it holds records, else 0.
+    """
     cell = _CELLS[kind.element] if kind.dimensions else {"float": float, "bool": bool}.get(kind.element)
-    return cell, kind.dimensions, kind.width if kind.layout else 0
+    if not kind.layout or not kind.dimensions:
+        return cell, kind.dimensions, 0
+    return cell, kind.dimensions + 1, kind.width
 
 
 def _made(kind: Type, leaves: Iterator[Any]) -> Any:
@@ -602,14 +616,21 @@ def _made(kind: Type, leaves: Iterator[Any]) -> Any:
     return kind.layout.python(*[_made(field, leaves) for field in kind.layout.fields.values()])
 
 
-def _reads_the_object() -> bool:
-    """Return True if array objects have the address of their first cell at `_DATA`, as in all NumPy versions so far."""
-    probe = np.zeros(1)
-    is_cpython = sys.implementation.name == "cpython"
-    return is_cpython and _WORD_AT(id(probe) + _DATA).value == probe.ctypes.data
+def _check_layout() -> None:
+    """Raise ImportError unless array objects have what the machine code reads where it reads it."""
+    probe = np.zeros((2, 3))
+    if sys.implementation.name == "cpython":
+        sizes = _WORD_AT(id(probe) + _SIZES).value
+        found = _WORD_AT(id(probe) + _DATA).value, _WORD_AT(sizes).value, _WORD_AT(sizes + _WORD).value
+        if found == (probe.ctypes.data, *probe.shape):
+            return
+    raise ImportError(
+        f"feeddrive's kernels know array objects of CPython with NumPy 2, not of {sys.implementation.name} with NumPy "
+        f"{np.__version__}: install those"
+    )
 
 
-_READS_THE_OBJECT = _reads_the_object()
+_check_layout()
 
 
 def _throw(failure: Failure) -> NoReturn:

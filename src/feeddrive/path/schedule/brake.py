@@ -21,9 +21,9 @@ from feeddrive.path.motion import (
     Limits,
     Motion,
     Pieces,
-    chain,
-    cubic,
+    at_instant,
     derivatives,
+    interval_of,
     piece_of,
     way,
 )
@@ -167,25 +167,13 @@ def _uses(
     axes: Records[Derivatives],
 ) -> int:
     """Write the largest utilization of the limits at `points` points of each time interval into `out` (m,)."""
-    last = len(pieces.length) - 1
     for m in range(len(motion.duration)):
-        v = motion.speed[m]
-        a = motion.acceleration[m]
-        j = motion.jerk[m]
-        s = motion.snap[m]
+        now = interval_of(motion, m)
         p = int(motion.piece[m])
-        x0 = motion.x[m]
         most = Limits(0.0, 0.0, 0.0, 0.0)
         for k in range(points):
-            t = motion.duration[m] * k / (points - 1)
-            x = x0 + way(v, a, j, s, t)
-            while x > pieces.length[p] and p < last:
-                x0 = x0 - pieces.length[p]
-                x = x - pieces.length[p]
-                p = p + 1
-            x = min(max(x, 0.0), pieces.length[p])
-            derivatives(pieces.kind[p], pieces.length[p], pieces.shape[p], x, r)
-            chain(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s, r, axes)
+            p, x = at_instant(pieces, now, p, now.duration * k / (points - 1), r, axes)
+            now = now._replace(x=x)
             for i in range(len(r)):
                 limit = limits[i]
                 most = Limits(

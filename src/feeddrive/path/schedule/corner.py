@@ -18,37 +18,27 @@ v phi(0):
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple, TypeAlias
-
-import numpy as np
+from typing import NamedTuple
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Records, by_field, records, rows_for
+from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records, Records2, records
 from feeddrive.path.motion import (
     LINE,
     Derivatives,
-    Entering,
     Interval,
     Limits,
     Motion,
-    Part,
     Pieces,
-    Section,
     cubic,
     derivatives,
-    direction,
-    from_rows,
+    line_way,
     moved,
-    part_of_pieces,
-    piece_of,
-    rows,
     way,
 )
 from feeddrive.path.schedule.ramp import (
     Ramp,
     Slopes,
     acceleration_before,
-    bounds,
     boxcars,
     cube_root,
     duration,
@@ -58,6 +48,9 @@ from feeddrive.path.schedule.ramp import (
 )
 
 _HALVINGS = 24  # largest number of halvings of the overlap
+_TOLERANT = 0.02  # relative accuracy of the longest overlap within the tolerance
+_SHORTER = 8  # number of overlaps tried with slower motions, in equal steps
+_CLOSER = 3  # number of times that these steps are halved
 _SLIVER = 1e-12  # of an overlap: two phases that end so close together end simultaneously
 BELOW = 1.0 - 1e-10  # of a tolerance, for rounding
 
@@ -78,6 +71,22 @@ class Ranges(NamedTuple):
     snap: Range
 
 
+class Curve(NamedTuple):
+    """Ranges of u' .. u''' and of what curvature multiplies: u'², u' u'', u'³, 3 u''² + 4 u' u''', 6 u'² u'', u'⁴."""
+
+    speed: Range
+    acceleration: Range
+    jerk: Range
+    square: Range
+    power: Range
+    cube: Range
+    mixed: Range
+    cubed: Range
+    fourth: Range
+
+
+_ZERO = Range(0.0, 0.0)
+_STILL = Curve(_ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO)
 _NOTHING = Ranges(Range(0.0, 0.0), Range(0.0, 0.0), Range(0.0, 0.0), Range(0.0, 0.0))
 
 
@@ -90,6 +99,7 @@ class End(NamedTuple):
     feed       m/s
     direction  r' at the corner, shape (N,)
     most       bounds of each axis on the piece
+    kind, shape  of the piece, as in `Pieces`; a line needs no shape here
     """
 
     motion: Records[Interval]
@@ -99,41 +109,84 @@ class End(NamedTuple):
     feed: float
     direction: Floats
     most: Records[Slopes]
+    kind: int
+    shape: Floats2
 
 
 @kernel
-def _widened(rest: Range, low: float, high: float, down: float, up: float, more: float) -> Range:
-    """Add [low, high] · [-down, up] ± more to an interval."""
-    return Range(
-        rest.low + min(min(-low * down, -high * down), min(low * up, high * up)) - more,
-        rest.high + max(max(-low * down, -high * down), max(low * up, high * up)) + more,
+def _sum(one: Range, two: Range) -> Range:
+    """Return the interval of the sums of two numbers."""
+    return Range(one.low + two.low, one.high + two.high)
+
+
+@kernel
+def _product(one: Range, two: Range) -> Range:
+    """Return the interval of the products of two numbers."""
+    a = one.low * two.low
+    b = one.low * two.high
+    c = one.high * two.low
+    d = one.high * two.high
+    return Range(min(min(a, b), min(c, d)), max(max(a, b), max(c, d)))
+
+
+@kernel
+def _times(factor: float, rest: Range) -> Range:
+    """Return the interval of the multiples of a number."""
+    return Range(min(factor * rest.low, factor * rest.high), max(factor * rest.low, factor * rest.high))
+
+
+@kernel
+def _near(value: float, change: float, most: float) -> Range:
+    """Return the interval of a number that is at most `most` in size and differs from `value` by at most `change`."""
+    return Range(max(value - change, -most), min(value + change, most))
+
+
+@kernel
+def _along_curve(now: Interval, h: float) -> Curve:
+    """Return the ranges of a motion in h seconds that curvature multiplies."""
+    _, _, v, a, j, s = now
+    v1 = v + h * a / 3.0
+    v2 = v + h * (2.0 * a + 0.5 * h * j) / 3.0
+    v3 = cubic(v, a, j, s, h)
+    a1 = a + 0.5 * h * j
+    a2 = a + h * (j + 0.5 * h * s)
+    j1 = j + h * s
+    speed = Range(max(min(min(v, v1), min(v2, v3)), 0.0), max(max(v, v1), max(v2, v3)))
+    acceleration = Range(min(min(a, a1), a2), max(max(a, a1), a2))
+    jerk = Range(min(j, j1), max(j, j1))
+    square = Range(speed.low * speed.low, speed.high * speed.high)
+    largest = max(abs(acceleration.low), abs(acceleration.high))
+    return Curve(
+        speed,
+        acceleration,
+        jerk,
+        square,
+        _product(speed, acceleration),
+        _product(speed, square),
+        _sum(Range(0.0, 3.0 * largest * largest), _times(4.0, _product(speed, jerk))),
+        _times(6.0, _product(square, acceleration)),
+        _product(square, square),
     )
 
 
 @kernel
-def _bent(most: Slopes, c: float, now: Interval, h: float, away: float, rest: Ranges) -> Ranges:
-    """Add to `rest` the ranges by which the derivatives of an axis may differ from those of motion along the tangent,
-    due to curvature.
+def _bent(most: Slopes, r: Derivatives, away: float, curve: Curve, s: float, rest: Ranges) -> Ranges:
+    """Add to `rest` the ranges by which the derivatives of an axis may differ from those of motion along the tangent in
+    the middle of an interval of the path, due to curvature.
 
-    c is r' of the axis at the corner, and `away` is a bound on the distance to the corner; `now` is the motion at the
-    start of h seconds.
+    r are the derivatives of the axis in the middle, `away` is the way from there to either end, and s the snap of u.
     """
-    _, _, v, a, j, s = now
-    # r' - c
-    up = min(most.M2 * away, max(most.M1 - c, 0.0))
-    down = min(most.M2 * away, max(most.M1 + c, 0.0))
-    j1 = j + h * s
-    a1 = a + 0.5 * h * j
-    a2 = a + h * (j + 0.5 * h * s)
-    A = max(max(abs(a), abs(a1)), abs(a2))
-    J = max(abs(j), abs(j1))
-    V = abs(v) + h * A
-    more = most.M2 * (3.0 * A * A + 4.0 * V * J) + 6.0 * most.M3 * V * V * A + most.M4 * V * V * V * V
+    second = _near(r.second, most.M3 * away, most.M2)
+    third = _near(r.third, most.M4 * away, most.M3)
+    turns = Range(-most.M2 * away, most.M2 * away)  # r' less that in the middle
+    jerk = _sum(_times(3.0, _product(second, curve.power)), _product(third, curve.cube))
+    snap = _sum(_product(second, curve.mixed), _product(third, curve.cubed))
+    snap = _sum(snap, _product(Range(-most.M4, most.M4), curve.fourth))
     return Ranges(
-        _widened(rest.velocity, 0.0, V, down, up, 0.0),
-        _widened(rest.acceleration, min(min(a, a1), a2), max(max(a, a1), a2), down, up, most.M2 * V * V),
-        _widened(rest.jerk, min(j, j1), max(j, j1), down, up, 3.0 * most.M2 * V * A + most.M3 * V * V * V),
-        _widened(rest.snap, s, s, down, up, more),
+        _sum(rest.velocity, _product(turns, curve.speed)),
+        _sum(rest.acceleration, _sum(_product(second, curve.square), _product(turns, curve.acceleration))),
+        _sum(rest.jerk, _sum(jerk, _product(turns, curve.jerk))),
+        _sum(rest.snap, _sum(snap, _times(s, turns))),
     )
 
 
@@ -144,17 +197,32 @@ def _largest(value: float, rest: Range) -> float:
 
 
 @kernel
-def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: float) -> tuple[float, float]:
-    """Return the peak utilization of the limits and the feed by the sum of two motions, and the distance to the corner,
-    m.
+def _vertex(begin: float, middle: float, end: float) -> float:
+    """Return the extreme value of a quadratic with three Bernstein points that is not at its ends, or that at its begin
+    if there is none.
+    """
+    if (middle - begin) * (end - middle) >= 0.0:
+        return begin
+    return begin - (middle - begin) * (middle - begin) / (begin - 2.0 * middle + end)
+
+
+@kernel
+def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: float) -> tuple[float, float, float]:
+    """Return the peak utilization of the limits and the feed by the sum of two motions, the distance to the corner, m,
+    and the factor by which the time of both must grow for the sum to keep all limits.
 
     The first motion ends on a piece, the second begins on another piece, and they overlap for `lasts` seconds.  Ranges
     are bounded by Bernstein points.
     """
     axes = len(limits)
-    curved = 0.0
+    curved0 = 0.0
+    curved1 = 0.0
     for i in range(axes):
-        curved = max(curved, max(one.most[i].M2, two.most[i].M2))
+        curved0 = max(curved0, one.most[i].M2)
+        curved1 = max(curved1, two.most[i].M2)
+    curved = max(curved0, curved1) > 0.0
+    rates0 = records(Derivatives, 9)
+    rates1 = records(Derivatives, 9)
     # where the first motion is when the second begins
     m = one.used
     left = lasts
@@ -165,7 +233,10 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
     n = 0
     begin1 = 0.0
     t = 0.0
-    share = 0.0
+    velocity = 0.0
+    acceleration = 0.0
+    jerk = 0.0
+    snap = 0.0
     distance = 1e300
     while t < lasts and m < one.used and n < two.used:
         end0 = begin0 + one.motion[m].duration
@@ -180,8 +251,16 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
             now1 = moved(two.motion[n], t - begin1)
             _, x0, v0, a0, j0, s0 = now0
             _, x1, v1, a1, j1, s1 = now1
-            far0 = max(one.length - x0, 0.0)
-            far1 = max(x1 + way(v1, a1, j1, s1, h), 0.0)
+            far0 = x0 + way(v0, a0, j0, s0, h)
+            far1 = x1 + way(v1, a1, j1, s1, h)
+            curve0 = _STILL
+            curve1 = _STILL
+            if curved0 > 0.0:
+                derivatives(one.kind, one.length, one.shape, min(max(0.5 * (x0 + far0), 0.0), one.length), rates0)
+                curve0 = _along_curve(now0, h)
+            if curved1 > 0.0:
+                derivatives(two.kind, two.length, two.shape, min(max(0.5 * (x1 + far1), 0.0), two.length), rates1)
+                curve1 = _along_curve(now1, h)
             squares0 = 0.0
             squares1 = 0.0
             squares2 = 0.0
@@ -189,14 +268,17 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
             for i in range(axes):
                 c0 = one.direction[i]
                 c1 = two.direction[i]
+                rest = _NOTHING
+                if curved0 > 0.0:
+                    c0 = rates0[i].first
+                    rest = _bent(one.most[i], rates0[i], 0.5 * (far0 - x0), curve0, s0, rest)
+                if curved1 > 0.0:
+                    c1 = rates1[i].first
+                    rest = _bent(two.most[i], rates1[i], 0.5 * (far1 - x1), curve1, s1, rest)
                 v = c0 * v0 + c1 * v1
                 a = c0 * a0 + c1 * a1
                 j = c0 * j0 + c1 * j1
                 s = c0 * s0 + c1 * s1
-                rest = _NOTHING
-                if curved > 0.0:
-                    rest = _bent(one.most[i], c0, now0, h, far0, rest)
-                    rest = _bent(two.most[i], c1, now1, h, far1, rest)
                 limit = limits[i]
                 # Bernstein points
                 fast0 = _largest(v, rest.velocity)
@@ -207,16 +289,19 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
                 squares1 = squares1 + fast1 * fast1
                 squares2 = squares2 + fast2 * fast2
                 squares3 = squares3 + fast3 * fast3
-                share = max(share, max(max(fast0, fast1), max(fast2, fast3)) / limit.velocity)
-                share = max(share, _largest(a, rest.acceleration) / limit.acceleration)
-                share = max(share, _largest(a + 0.5 * h * j, rest.acceleration) / limit.acceleration)
-                share = max(share, _largest(a + h * (j + 0.5 * h * s), rest.acceleration) / limit.acceleration)
-                share = max(share, max(_largest(j, rest.jerk), _largest(j + h * s, rest.jerk)) / limit.jerk)
-                share = max(share, _largest(s, rest.snap) / limit.snap)
+                velocity = max(velocity, max(max(fast0, fast1), max(fast2, fast3)) / limit.velocity)
+                middle = a + 0.5 * h * j
+                ends = a + h * (j + 0.5 * h * s)
+                largest = max(_largest(a, rest.acceleration), _largest(ends, rest.acceleration))
+                # in most intervals the point in the middle is the bound, which takes no division
+                if _largest(middle, rest.acceleration) > max(largest, acceleration * limit.acceleration):
+                    largest = max(largest, _largest(_vertex(a, middle, ends), rest.acceleration))
+                acceleration = max(acceleration, largest / limit.acceleration)
+                jerk = max(jerk, max(_largest(j, rest.jerk), _largest(j + h * s, rest.jerk)) / limit.jerk)
+                snap = max(snap, _largest(s, rest.snap) / limit.snap)
             speed = max(max(squares0, squares1), max(squares2, squares3))
-            share = max(share, sqrt(speed) / feed)
-            end_left = one.length - (x0 + way(v0, a0, j0, s0, h))
-            if distance == 1e300 and (end_left <= far1 or end >= lasts):
+            velocity = max(velocity, sqrt(speed) / feed)
+            if distance == 1e300 and (one.length - far0 <= max(far1, 0.0) or end >= lasts):
                 # the distances to the corner become equal here
                 low = 0.0
                 high = h
@@ -229,7 +314,7 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
                 b = 0.5 * (low + high)
                 w0 = one.length - (x0 + way(v0, a0, j0, s0, b))
                 w1 = x1 + way(v1, a1, j1, s1, b)
-                distance = _apart(one, two, w0, w1, curved > 0.0)
+                distance = _apart(one, two, w0, w1, curved)
         if end0 <= end:
             begin0 = end0
             m = m + 1
@@ -237,7 +322,9 @@ def together(one: End, two: End, lasts: float, limits: Records[Limits], feed: fl
             begin1 = end1
             n = n + 1
         t = end
-    return share, distance
+    share = max(max(velocity, acceleration), max(jerk, snap))
+    slower = max(max(velocity, sqrt(acceleration)), max(cube_root(jerk), sqrt(sqrt(snap))))
+    return share, distance, slower
 
 
 @kernel
@@ -271,7 +358,7 @@ def overlap(one: End, two: End, longest: float, tolerance: float, limits: Record
     high = longest
     lasts = longest
     for _ in range(_HALVINGS):
-        share, distance = together(one, two, lasts, limits, feed)
+        share, distance, _slower = together(one, two, lasts, limits, feed)
         if share <= 1.0 + 1e-10 and distance <= tolerance * BELOW:
             low = lasts
         else:
@@ -280,6 +367,60 @@ def overlap(one: End, two: End, longest: float, tolerance: float, limits: Record
             break
         lasts = 0.5 * (low + high)
     return low
+
+
+@kernel
+def slower_overlap(
+    one: End, two: End, longest: float, tolerance: float, limits: Records[Limits], whole: float, least: float
+) -> tuple[float, float]:
+    """Return the overlap of two motions that take longer by a factor, and this factor, so that most time is saved; the
+    first is 0 if that is not more than `least` s.
+
+    `whole` is the sum of the durations of both runs, s: slower by f, with an overlap of f D, they save
+    f D - (f - 1) whole.  Where both motions use the limits throughout, their sum is above a limit by little for
+    overlaps of very different durations, and none of them would hold without that.
+    """
+    feed = max(one.feed, two.feed)
+    within = 0.0
+    high = longest
+    lasts = longest
+    for _ in range(_HALVINGS):
+        # the way to the corner grows with the overlap
+        _share, distance, _slower = together(one, two, lasts, limits, feed)
+        if distance <= tolerance * BELOW:
+            within = lasts
+        else:
+            high = lasts
+        if high - within <= _TOLERANT * high or high <= least:
+            break
+        lasts = 0.5 * (within + high)
+    best = least
+    found = 0.0
+    factor = 1.0
+    step = within / float(_SHORTER)
+    place = within
+    middle = within
+    for k in range(_SHORTER + 2 * _CLOSER):
+        # in equal steps, then on either side of the best of them in steps that are halved
+        lasts = within - float(k) * step
+        if k >= _SHORTER:
+            if found == 0.0:
+                break
+            if (k - _SHORTER) % 2 == 0:
+                step = 0.5 * step
+                middle = place
+            lasts = min(middle + (step if (k - _SHORTER) % 2 == 0 else -step), within)
+        elif lasts <= best:
+            continue
+        _share, distance, slower = together(one, two, lasts, limits, feed)
+        slower = max(slower, 1.0) * (1.0 + 1e-9)
+        saved = slower * lasts - (slower - 1.0) * whole
+        if saved > best:
+            best = saved
+            found = slower * lasts
+            factor = slower
+            place = lasts
+    return found, factor
 
 
 class Shared(NamedTuple):
@@ -302,7 +443,9 @@ class Shared(NamedTuple):
 @kernel
 def shared(
     one: Records[Interval],
+    used0: int,
     two: Records[Interval],
+    used1: int,
     lasts: float,
     last: Records[Interval],
     first: Records[Interval],
@@ -310,11 +453,12 @@ def shared(
     """Split the last `lasts` seconds of one motion and the first `lasts` seconds of the other into common time
     intervals, written into `last` and `first`.
 
-    Ends within 1e-12 of the overlap time are treated as simultaneous.
+    Of the motions the first `used0` and `used1` intervals count.  Ends within 1e-12 of the overlap time are treated as
+    simultaneous.
     """
     # ends that differ by rounding only would leave intervals of almost no duration
     near = _SLIVER * lasts
-    m = len(one)
+    m = used0
     left = lasts
     while m > 0 and left > near:
         m = m - 1
@@ -329,7 +473,7 @@ def shared(
     left1 = two[0].duration
     count = 0
     rest = Interval(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    while m < len(one) and n < len(two):
+    while m < used0 and n < used1:
         h = min(left0, left1)
         if h > near:
             last[count] = moved(one[m], one[m].duration - left0)._replace(duration=h)
@@ -339,32 +483,13 @@ def shared(
         left1 = left1 - h
         if left0 <= near:
             m = m + 1
-            left0 = one[m].duration if m < len(one) else 0.0
+            left0 = one[m].duration if m < used0 else 0.0
         if left1 <= near:
             n = n + 1
-            left1 = two[n].duration if n < len(two) else 0.0
-    if n < len(two):
+            left1 = two[n].duration if n < used1 else 0.0
+    if n < used1:
         rest = moved(two[n], two[n].duration - left1)._replace(duration=left1)
     return Shared(count, begins, alone, n, rest)
-
-
-def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[list[Part], Part]:
-    """Overlap two runs by `lasts` s: return the parts until the first run ends, and the rest of the second run."""
-    ends, begins = rows(one.motion), rows(two.motion)
-    last, first = (rows_for(Interval, len(ends) + len(begins)) for _ in range(2))
-    count, m, alone, n, rest = shared(ends, begins, lasts, last, first)
-    entering = Entering(part_of_pieces(two.pieces, 0, 1), from_rows(first[:count], 0), tolerance)
-    k = len(one.pieces.length) - 1
-    leaves = [Part(part_of_pieces(one.pieces, k, k + 1), from_rows(last[:count], 0), True, entering, factor=one.factor)]
-    before = Motion._make([array[: m + int(alone > 0.0)].copy() for array in one.motion])
-    if len(before.duration):
-        before.duration[-1] = alone if alone > 0.0 else before.duration[-1]
-        leaves.insert(0, one._replace(motion=before, ends=False))
-    behind = Motion._make([array[n:].copy() for array in two.motion])
-    if len(behind.duration):
-        for column, value in zip([behind.duration, *behind[2:]], rest, strict=True):
-            column[0] = value
-    return leaves, two._replace(motion=behind)
 
 
 class Node(NamedTuple):
@@ -674,11 +799,34 @@ class Before(NamedTuple):
     tolerance: float
 
 
-_NODE = Node(0.0)
+class Meeting(NamedTuple):
+    """How two stretches meet in a corner.
+
+    first, second  numbers of the time intervals of both motions with a bump; 0 without
+    node           the node of the bump
+    lasts          overlap of both motions, s: as they were if there is no bump
+    """
+
+    first: int
+    second: int
+    node: Node
+    lasts: float
+
+
+_REST = Node(0.0)
+SHORTEST = 1e-4  # s of overlap; less does not justify separate parts
+LONGEST = 1.0 - 1e-6  # of the time that two runs may overlap: some of each stays apart
 
 
 @kernel
-def bump(
+def _stops(end: End, begin: End, longest: float, tolerance: float, limits: Records[Limits]) -> float:
+    """Return the longest `overlap` of two stops, or 0 if it is too short."""
+    lasts = overlap(end, begin, longest, tolerance, limits)
+    return lasts if lasts >= SHORTEST else 0.0
+
+
+@kernel
+def meet(
     one: LineStretch,
     end: End,
     two: LineStretch,
@@ -687,16 +835,16 @@ def bump(
     half: bool,
     tolerance: float,
     limits: Records[Limits],
-    quickest: float,
+    stops: float,
+    longest: float,
     rows0: Records[Interval],
     rows1: Records[Interval],
-) -> tuple[int, int, Node]:
-    """Find the fastest bump between two stretches; write both motions into `rows0` and `rows1`, and return the numbers
-    of their time intervals and the node in the corner.
+) -> Meeting:
+    """Find the fastest way through the corner between two stretches that take `stops` s from stop to stop: an overlap
+    of the stops by up to `longest` s, or a bump, whose motions are written into `rows0` and `rows1`.
 
-    `end` and `begin` have the directions and bounds of the stretches.  `before` overlaps with the first stretch.  Both
-    numbers are 0 if no bump brings the total time of both stretches below `quickest` s; with `half`, half of the second
-    stretch remains free for the following corner.
+    `end` and `begin` have the motions, directions and bounds of the stretches.  `before` overlaps with the first
+    stretch.  With `half`, half of the second stretch remains free for the following corner.
 
     With d = tolerance/|t1 - t0| and w = 6 d/v the jerk of the bump is v |t1 - t0|/w².  Of this jerk the ramps cancel
     less than 1.2 j, where j is the jerk limit, so v³ is at most 2.2 · 36 J d², with J the least j/|t1 - t0| of the
@@ -709,15 +857,19 @@ def bump(
         gap = gap + g * g
         if g * jerk > limits[i].jerk:
             jerk = limits[i].jerk / g
-    best_node = _NODE
+    best_node = _REST
     if gap <= 1e-18:
-        return 0, 0, best_node
+        return Meeting(0, 0, best_node, _stops(end, begin, longest, tolerance, limits))
     near = tolerance * BELOW / sqrt(gap)
     fastest = min(min(one.fastest, two.fastest), cube_root(79.2 * jerk * near * near))
     feed = max(end.feed, begin.feed)
     before_feed = max(before.end.feed, end.feed)
-    best = quickest
+    # the overlap is found only where it might be quicker than a bump
+    lasts = -1.0
+    best = stops - max(longest, 0.0)
     ours = 0.0
+    stop = end
+    start = begin
     reached = 0.0
     for shape in range(6):
         # ramps and bump add up on some axes and cancel on others: with less jerk for the ramps the bump may be faster
@@ -743,6 +895,7 @@ def bump(
             one = one._replace(tail=node)
             two = two._replace(head=node)
             good = False
+            long = False  # if there is no room for the bump
             excess = 1.0  # largest share of a limit; 1 if unknown
             both = 2.0 * w + short
             peak0 = _peak(one)
@@ -750,24 +903,28 @@ def bump(
             time0 = _duration(one, peak0)
             time1 = _duration(two, peak1)
             time = time0 + time1 - both
+            if lasts < 0.0 and ours == 0.0 and time0 > 0.0 and time1 > 0.0 and time >= best:
+                lasts = _stops(stop, start, longest, tolerance, limits)
+                best = stops - lasts
             slower = time0 > 0.0 and time1 > 0.0 and time >= best
             if time0 > 0.0 and time1 > 0.0 and not slower:
                 n = _rows(one, peak0, rows0)
                 m = _rows(two, peak1, rows1)
                 good = n > 0 and m > 0
-                good = good and both <= time0 - before.lasts and both <= (0.5 * time1 if half else time1)
+                long = both > time0 - before.lasts or both > (0.5 * time1 if half else time1)
+                good = good and not long
                 end = end._replace(motion=rows0, used=n, length=one.length)
                 begin = begin._replace(motion=rows1, used=m)
             if good:
-                most, away = together(end, begin, both, limits, feed)
+                most, away, _slower = together(end, begin, both, limits, feed)
                 good = most <= 1.0 + 1e-10 and away <= tolerance
                 excess = most
             if good and before.lasts > 0.0:
-                most, away = together(before.end, end, before.lasts, limits, before_feed)
+                most, away, _slower = together(before.end, end, before.lasts, limits, before_feed)
                 good = most <= 1.0 + 1e-10 and away <= before.tolerance
                 excess = most
-            if slower or good:
-                low = v  # lower speeds are slower as well
+            if slower or good or long:
+                low = v  # lower speeds are slower as well, and their bumps longer
                 if good:
                     reached = v
                     best = time
@@ -795,287 +952,210 @@ def bump(
                     break
                 v = max(v, 0.5 * (low + high)) if v <= low else v
     if ours <= 0.0:
-        return 0, 0, best_node
-    return straight(one._replace(tail=best_node), rows0), straight(two._replace(head=best_node), rows1), best_node
+        if lasts < 0.0:
+            lasts = _stops(stop, start, longest, tolerance, limits)
+        return Meeting(0, 0, best_node, lasts)
+    count0 = straight(one._replace(tail=best_node), rows0)
+    count1 = straight(two._replace(head=best_node), rows1)
+    return Meeting(count0, count1, best_node, 2.0 * best_node.wide + best_node.short)
 
 
-_SLOWED = (0.93, 0.85)  # shares of the jerk
-_SHORTEST = 1e-4  # s of overlap; less does not justify separate parts
-
-
-class _Stretch(NamedTuple):
-    """The part of a motion that may be replanned: the time intervals from `first` up to but excluding `last`, on one
-    line between two nodes.
-    """
-
-    first: int
-    last: int
-    line: LineStretch
-
-
-class _Run(NamedTuple):
-    """A part of the motion whose end may still change, and its overlap with the previous part.
-
-    whole  stretch of a run along one line, whose head and tail are planned together; None for other runs
-    seen   motion of such a run at its corners
-    """
-
-    part: Part
-    tolerance: float  # of the corner in which it ends, m
-    whole: _Stretch | None
-    seen: End | None = None
-    lasts: float = 0.0  # s
-    corner: float = 0.0  # tolerance of that corner
-
-
-Line: TypeAlias = _Run
-"""A run along a single line."""
-
-
-class Crossings:
-    """The planner of corners, which starts each run before the previous one has ended as far as limits and tolerances
-    allow.
-
-    limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
-    """
-
-    def __init__(self, limits: np.ndarray) -> None:
-        self._limits = np.ascontiguousarray(limits, float)
-        self._fixed: Part | None = None  # its end may overlap with the next
-        self._open: _Run | None = None
-
-    def add(self, part: Part, tolerance: float) -> list[Part]:
-        """Add a part and return those that are now final; `tolerance` is the tolerance of the corner at the end of the
-        part, m, or 0 for a stop there.
-        """
-        begins = part.motion.x[0] == 0.0 and part.motion.speed[0] == 0.0
-        run = self.line(Section(part.pieces, part.ends, tolerance)) if begins else None
-        return self._next(run or _Run(part, tolerance, None))
-
-    def add_line(self, line: Line) -> list[Part]:
-        """Add a run along a single line and return the parts that are now final."""
-        return self._next(line)
-
-    def _next(self, two: _Run) -> list[Part]:
-        one, self._open = self._open, two
-        if one is None:
-            return []
-        if one.part.ends and one.tolerance > 0.0:
-            one, self._open = self._met(one, two)
-        return self._fix(one)
-
-    def end(self) -> list[Part]:
-        """Return the remaining parts, after which the motion is at rest."""
-        one, self._open = self._open, None
-        leaves = self._fix(one) if one else []
-        last, self._fixed = self._fixed, None
-        return [*leaves, last] if last else leaves
-
-    def line(self, section: Section) -> Line | None:
-        """Return the run of a section that is a single line, planned in closed form, or None for any other section.
-
-        It depends on no other run.
-        """
-        pieces = section.pieces
-        if not section.ends or len(pieces.length) != 1 or pieces.kind[0] != LINE:
-            return None
-        length, rest = float(pieces.length[0]), Node(0.0)
-        line, motion_rows = self._stretch(pieces, 0, length, rest, rest), rows_for(Interval, ROWS)
-        count = straight(line, motion_rows)
-        if not count:
-            return None
-        motion = from_rows(motion_rows[:count], 0)
-        seen = End(motion_rows, count, _time(motion), length, float(pieces.feed[0]), *_along_line(pieces, 0))
-        return _Run(Part(pieces, motion, True), section.tolerance, _Stretch(0, count, line), seen)
-
-    def _fix(self, run: _Run) -> list[Part]:
-        """Make the motion of a run final; return the parts that are now final."""
-        before, self._fixed = self._fixed, run.part
-        if before is None:
-            return []
-        if run.lasts == 0.0:
-            return [before]
-        leaves, self._fixed = overlapped(before, run.part, run.lasts, run.corner)
-        return leaves
-
-    def _stopped(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
-        """Return both runs with unchanged motions and their longest overlap."""
-        end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
-        # half of a run in a single part is reserved for the corner at its other end
-        share = 0.5 if two.part.ends else 1.0
-        longest = min(end.lasts, begin.lasts, share * _time(two.part.motion), _time(one.part.motion) - one.lasts) * (
-            1.0 - 1e-6
-        )
-        lasts = overlap(end, begin, longest, one.tolerance, self._limits)
-        return one, two._replace(lasts=lasts if lasts >= _SHORTEST else 0.0, corner=one.tolerance)
-
-    def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
-        """Plan the corner between two runs; return both, the first one in its final form."""
-        best = self._stopped(one, two)
-        tail = one.whole or self._tail(one.part)
-        head = two.whole or self._head(two.part)
-        if tail is not None and head is not None:
-            end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
-            _, overlapping = best
-            return self._bump(one, end, tail, two, begin, head, overlapping.lasts) or best
-        # next to an arc a slower ramp on the line leaves room for the derivatives that curvature adds on its axes
-        for share in _SLOWED if (tail is None) != (head is None) else ():
-            before, after = self._slowed(one, tail, True, share), self._slowed(two, head, False, share)
-            if before and after:
-                stopped = self._stopped(before, after)
-                if _together(stopped) < _together(best) and self._holds(before):
-                    best = stopped
-        return best
-
-    def _slowed(self, run: _Run, stretch: _Stretch | None, tail: bool, share: float) -> _Run | None:
-        """Return the run with a slower ramp on the line at the corner, which is its `tail` or its head: its jerk limit
-        is multiplied by `share`, its snap limit by `share`².
-
-        A run without such a stretch is returned unchanged; the result is None if no motion is possible.
-        """
-        if stretch is None:
-            return run
-        line, motion_rows = stretch.line, rows_for(Interval, ROWS)
-        node = (line.tail if tail else line.head)._replace(jerk_share=share, snap_share=share * share)
-        line = line._replace(tail=node) if tail else line._replace(head=node)
-        count = straight(line, motion_rows)
-        if not count:
-            return None
-        k = len(run.part.pieces.length) - 1 if tail else 0
-        motion = _spliced(stretch, run.part.motion, k, motion_rows[:count])
-        run = run._replace(part=run.part._replace(motion=motion))
-        if not run.whole:
-            return run
-        return run._replace(whole=_Stretch(0, count, line), seen=_made(run.seen, motion_rows[:count], motion))
-
-    def _holds(self, run: _Run) -> bool:
-        """Return True if a replanned run still satisfies limits and tolerance in its overlap with the previous one."""
-        if run.lasts == 0.0 or self._fixed is None:
-            return True
-        end, begin = _end(self._fixed, True), run.seen or _end(run.part, False)
-        share, away = together(end, begin, run.lasts, self._limits, max(end.feed, begin.feed))
-        return share <= 1.0 + 1e-10 and away <= run.corner
-
-    def _bump(
-        self, one: _Run, end: End, tail: _Stretch, two: _Run, begin: End, head: _Stretch, lasts: float
-    ) -> tuple[_Run, _Run] | None:
-        """Return both runs with a bump if that is faster than an overlap of `lasts` seconds, or None otherwise."""
-        motion0, motion1 = one.part.motion, two.part.motion
-        quickest = _time(motion0, tail) + _time(motion1, head) - lasts
-        # a run along one line is planned anew as a whole, so that its overlap with the run before must be checked again
-        before = Before(end, 0.0, one.corner)
-        if one.whole is not None and one.lasts > 0.0 and self._fixed is not None:
-            before = Before(_end(self._fixed, True), one.lasts, one.corner)
-        rows0, rows1 = rows_for(Interval, ROWS), rows_for(Interval, ROWS)
-        count0, count1, node = bump(
-            tail.line,
-            end,
-            head.line,
-            begin,
-            before,
-            two.whole is not None,
-            one.tolerance,
-            self._limits,
-            quickest,
-            rows0,
-            rows1,
-        )
-        if not count0:
-            return None
-        n = len(one.part.pieces.length) - 1
-        rows0, rows1 = rows0[:count0], rows1[:count1]
-        made0, made1 = _spliced(tail, motion0, n, rows0), _spliced(head, motion1, 0, rows1)
-        run = two._replace(
-            part=two.part._replace(motion=made1),
-            whole=_Stretch(0, count1, head.line._replace(head=node)) if two.whole else None,
-            seen=_made(two.seen, rows1, made1),
-            lasts=2.0 * node.wide + node.short,
-            corner=one.tolerance,
-        )
-        return one._replace(part=one.part._replace(motion=made0), seen=_made(one.seen, rows0, made0)), run
-
-    def _tail(self, part: Part) -> _Stretch | None:
-        """Return the stretch from the first node on the last piece to the stop."""
-        motion, last = part.motion, len(part.pieces.length) - 1
-        nodes = np.flatnonzero((motion.piece == last) & (motion.acceleration == 0.0) & (motion.jerk == 0.0))
-        if not len(nodes) or part.pieces.kind[last] != LINE:
-            return None
-        m = int(nodes[0])
-        length = float(part.pieces.length[last]) - float(motion.x[m])
-        line = self._stretch(part.pieces, last, length, Node(float(motion.speed[m])), Node(0.0))
-        return _Stretch(m, len(motion.piece), line)
-
-    def _head(self, part: Part) -> _Stretch | None:
-        """Return the stretch from rest to the last node on the first piece."""
-        motion = part.motion
-        nodes = np.flatnonzero((motion.piece == 0) & (motion.acceleration == 0.0) & (motion.jerk == 0.0))
-        m = int(nodes[-1]) if len(nodes) else 0
-        if not m or part.pieces.kind[0] != LINE:
-            return None
-        line = self._stretch(part.pieces, 0, float(motion.x[m]), Node(0.0), Node(float(motion.speed[m])))
-        return _Stretch(0, m, line)
-
-    def _stretch(self, pieces: Pieces, k: int, length: float, head: Node, tail: Node) -> LineStretch:
-        """Return a stretch of a line from node to node, as for `straight`."""
+@kernel
+def line_stretch(
+    along: Floats, feed: float, length: float, limits: Records[Limits], head: Node, tail: Node
+) -> LineStretch:
+    """Return a stretch of a line from node to node; `along` is the direction of the line, `feed` in m/s."""
+    fastest = 1e300
+    a = 1e300
+    j = 1e300
+    s = 1e300
+    norm = 0.0
+    for i in range(len(limits)):
         # an axis that does not move sets no limit, and must not divide by zero
-        slope = np.maximum(np.abs(direction(pieces, k)), 1e-200)
-        fastest, a, j, s = (np.min(self._limits / slope[:, None], axis=0) * (1.0 - 1e-12)).tolist()
-        fastest = min(fastest, float(pieces.feed[k]) / float(np.sqrt(slope @ slope)))
-        return LineStretch(length, fastest, a, j, s, head, tail)
+        slope = max(abs(along[i]), 1e-200)
+        limit = limits[i]
+        fastest = min(fastest, limit.velocity / slope)
+        a = min(a, limit.acceleration / slope)
+        j = min(j, limit.jerk / slope)
+        s = min(s, limit.snap / slope)
+        norm = norm + slope * slope
+    below = 1.0 - 1e-12
+    fastest = min(fastest * below, feed / sqrt(norm))
+    return LineStretch(length, fastest, a * below, j * below, s * below, head, tail)
 
 
-def _together(both: tuple[_Run, _Run]) -> float:
-    """Return the total duration of both runs, s."""
-    one, two = both
-    return _time(one.part.motion) + _time(two.part.motion) - two.lasts
+class LineRuns(NamedTuple):
+    """Consecutive runs along a single line each, from rest to rest, as arrays over the n runs.
 
-
-def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
-    return float((motion.duration[stretch.first : stretch.last] if stretch else motion.duration).sum())
-
-
-def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Motion:
-    """Replace a stretch on piece k of a motion by rows in the form of `straight`."""
-    if stretch.first == 0 and stretch.last == len(motion.duration):
-        return from_rows(new, k, float(motion.x[0]))
-    parts = zip(motion, from_rows(new, k, float(motion.x[stretch.first])), strict=True)
-    return Motion._make([np.concatenate([old[: stretch.first], middle, old[stretch.last :]]) for old, middle in parts])
-
-
-def _made(seen: End | None, new: np.ndarray, motion: Motion) -> End | None:
-    """Return the end of a run along a line with its motion replaced, or None if there is no such end.
-
-    `new` has the time intervals of `motion`.
+    line       the whole run as a stretch
+    feed       m/s
+    tolerance  of the corner in which it ends, m; 0: a stop
+    along      direction, shape (n, N)
+    most       bounds of each axis, shape (n, N)
+    motion     time intervals, shape (n, ROWS), of which the first `used` count
+    lasts      overlap with the previous run, s
     """
-    return seen._replace(motion=new, used=len(new), lasts=_time(motion)) if seen else None
+
+    line: Records[LineStretch]
+    feed: Floats
+    tolerance: Floats
+    along: Floats2
+    most: Records2[Slopes]
+    motion: Records2[Interval]
+    used: Ints
+    lasts: Floats
 
 
-def _end(part: Part, last: bool) -> End:
-    """Return the end of a part at a corner: on its last piece if `last`, otherwise on its first."""
-    pieces, on = part.pieces, part.motion
-    k = len(pieces.length) - 1 if last else 0
-    if k or not last:
-        inside = on.piece == k
-        if not last:
-            m = int(np.flatnonzero(inside)[-1])  # it may continue on the next piece
-            there = on.x[m] + way(*(float(column[m]) for column in (*on[3:], on.duration)))
-            inside[m] = inside.all() and there <= pieces.length[k]
-        on = Motion._make([column[inside] for column in on])
-    length, feed = float(pieces.length[k]), float(pieces.feed[k])
-    if pieces.kind[k] == LINE:
-        return End(rows(on), len(on.duration), _time(on), length, feed, *_along_line(pieces, k))
-    piece = piece_of(pieces, k)
-    axes = len(piece.shape)
-    most, r = rows_for(Slopes, axes), rows_for(Derivatives, axes)
-    bounds(piece, most)
-    derivatives(*piece, length if last else 0.0, r)
-    along = np.array(by_field(Derivatives, r).first)
-    return End(rows(on), len(on.duration), _time(on), length, feed, along, most)
+@kernel
+def lasting(motion: Records[Interval], used: int) -> float:
+    """Return the duration of the first `used` time intervals, s."""
+    total = 0.0
+    for m in range(used):
+        total = total + motion[m].duration
+    return total
 
 
-def _along_line(pieces: Pieces, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return direction and bounds of a line."""
-    along = direction(pieces, k)
-    most = rows_for(Slopes, len(along))
-    np.abs(along, out=np.asarray(by_field(Slopes, most).M1))
-    return along, most
+@kernel
+def stop_lines(pieces: Pieces, limits: Records[Limits], first: int, runs: LineRuns) -> int:
+    """Plan lines from stop to stop, as runs from number `first` on; return how many have a motion: up to the first one
+    that has none.
+    """
+    rest = Node(0.0)
+    for k in range(len(pieces.length)):
+        to = first + k
+        length = pieces.length[k]
+        feed = pieces.feed[k]
+        for i in range(len(limits)):
+            slope = line_way(pieces.shape[k], i) / length
+            runs.along[to, i] = slope
+            runs.most[to, i] = Slopes(abs(slope), 0.0, 0.0, 0.0)
+        line = line_stretch(runs.along[to], feed, length, limits, rest, rest)
+        runs.line[to] = line
+        runs.feed[to] = feed
+        runs.lasts[to] = 0.0
+        runs.used[to] = straight(line, runs.motion[to])
+        if runs.used[to] == 0:
+            return k
+    return len(pieces.length)
+
+
+class Leaves(NamedTuple):
+    """The motions of runs that are final, one after the other.
+
+    motion    all their time intervals
+    alone     where the motion of each run before its overlap with the next run begins, shape (n,)
+    common    where its part in this overlap begins
+    entering  where the part of the next run in this overlap begins, and ends where that of the next run begins
+    """
+
+    motion: Motion
+    alone: Ints
+    common: Ints
+    entering: Ints
+
+
+class Both(NamedTuple):
+    """Room for the time intervals of two runs at a corner, 2 ROWS each."""
+
+    first: Records[Interval]
+    second: Records[Interval]
+
+
+@kernel
+def _copied(motion: Records[Interval], used: int, to: Records[Interval]) -> int:
+    """Copy the first `used` time intervals; return their number."""
+    for m in range(used):
+        to[m] = motion[m]
+    return used
+
+
+@kernel
+def _put(interval: Interval, count: int, motion: Motion) -> int:
+    """Append a time interval on the only piece of a path."""
+    motion.duration[count] = interval.duration
+    motion.piece[count] = 0
+    motion.x[count] = interval.x
+    motion.speed[count] = interval.speed
+    motion.acceleration[count] = interval.acceleration
+    motion.jerk[count] = interval.jerk
+    motion.snap[count] = interval.snap
+    return count + 1
+
+
+@kernel
+def _leave(runs: LineRuns, k: int, work: Both, count: int, out: Leaves) -> int:
+    """Append the final motion of run k, and drop what run k + 1 has of it; return the number of time intervals."""
+    out.alone[k] = count
+    two = k + 1
+    if runs.lasts[two] == 0.0:
+        for m in range(runs.used[k]):
+            count = _put(runs.motion[k, m], count, out.motion)
+        out.common[k] = count
+        out.entering[k] = count
+        return count
+    both = shared(
+        runs.motion[k], runs.used[k], runs.motion[two], runs.used[two], runs.lasts[two], work.first, work.second
+    )
+    for m in range(both.begins):
+        count = _put(runs.motion[k, m], count, out.motion)
+    if both.alone > 0.0:
+        count = _put(runs.motion[k, both.begins]._replace(duration=both.alone), count, out.motion)
+    out.common[k] = count
+    for m in range(both.common):
+        count = _put(work.first[m], count, out.motion)
+    out.entering[k] = count
+    for m in range(both.common):
+        count = _put(work.second[m], count, out.motion)
+    left = runs.used[two] - both.ends
+    behind = runs.motion[two]
+    for m in range(left):
+        behind[m] = behind[both.ends + m]
+    if left > 0:
+        behind[0] = both.rest
+    runs.used[two] = left
+    return count
+
+
+@kernel
+def meet_lines(runs: LineRuns, limits: Records[Limits], work: Both, out: Leaves) -> int:
+    """Plan the corners behind all runs but the first and the last; write all but the last two runs, which are final
+    then, and return the number of their time intervals.
+
+    The corner between the first two is planned already.
+    """
+    count = 0
+    motion, used, line, feed, along, most = runs.motion, runs.used, runs.line, runs.feed, runs.along, runs.most
+    for two in range(2, len(used)):
+        one = two - 1
+        if runs.tolerance[one] > 0.0:
+            zero = one - 1
+            time0 = lasting(motion[zero], used[zero])
+            time1 = lasting(motion[one], used[one])
+            time2 = lasting(motion[two], used[two])
+            ended = End(
+                motion[zero], used[zero], time0, line[zero].length, feed[zero], along[zero], most[zero], LINE, along
+            )
+            end = End(motion[one], used[one], time1, line[one].length, feed[one], along[one], most[one], LINE, along)
+            begin = End(motion[two], used[two], time2, line[two].length, feed[two], along[two], most[two], LINE, along)
+            found = meet(
+                line[one],
+                end,
+                line[two],
+                begin,
+                Before(ended, runs.lasts[one], runs.tolerance[zero]),
+                True,
+                runs.tolerance[one],
+                limits,
+                time1 + time2,
+                # half of a run is reserved for the corner at its other end
+                min(0.5 * time2, time1 - runs.lasts[one]) * LONGEST,
+                work.first,
+                work.second,
+            )
+            runs.lasts[two] = found.lasts
+            if found.first > 0:
+                used[one] = _copied(work.first, found.first, motion[one])
+                used[two] = _copied(work.second, found.second, motion[two])
+                line[two] = line[two]._replace(head=found.node)
+        count = _leave(runs, one - 1, work, count, out)
+    return count

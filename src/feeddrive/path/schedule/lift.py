@@ -27,6 +27,7 @@ from feeddrive.path.motion import (
     one_after_the_other,
     part_of_pieces,
     piece_of,
+    slowed,
     way,
 )
 from feeddrive.path.proof import DERIVATIVES, Broken, faults_of
@@ -168,7 +169,7 @@ class _Path:
         lifted = self._between(_some(motion, first, last), _end(_some(motion, 0, last)), spans, (begin, end))
         if lifted is None:
             return None, 0
-        lifted = _one([_slowed(head, begin), lifted, _slowed(tail, end)])
+        lifted = _one([slowed(head, begin), lifted, slowed(tail, end)])
         return (lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else (None, 0)
 
     def _near_rest(self, duration: np.ndarray) -> tuple[int, float]:
@@ -455,12 +456,6 @@ def _end(motion: Motion) -> State:
     """Return u' .. u''' at the end of a motion."""
     t, v, a, j, s = (float(column[-1]) for column in (motion.duration, *motion[3:]))
     return State(cubic.python(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s)
-
-
-def _slowed(motion: Motion, factor: float) -> Motion:
-    """Return a motion along the same path that takes `factor` times as long."""
-    duration, piece, x, v, a, j, s = motion
-    return Motion(duration * factor, piece, x, v / factor, a / factor**2, j / factor**3, s / factor**4)
 
 
 def _slower(state: State, factor: float) -> State:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from feeddrive.path.motion import Limits, Part, Section
-from feeddrive.path.schedule.corner import Crossings, Line
+from feeddrive.path.schedule.crossings import MANY, Crossings, Lines, is_line
 from feeddrive.path.schedule.lift import Lifter
 from feeddrive.path.schedule.run import Schedule, Start
 
@@ -68,27 +68,48 @@ class Planner:
         if ends:
             yield from self.end()
 
-    def scheduled(self, sections: Iterable[Section]) -> Iterator[Scheduled | Line]:
-        """Yield the parts that the schedule makes of these sections, and runs along a single line.
+    def scheduled(self, sections: Iterable[Section]) -> Iterator[Scheduled | Lines]:
+        """Yield the parts that the schedule makes of these sections, and runs along single lines.
 
         Another thread may `lift` the earlier ones.
         """
+        lines = list[Section]()
         for each in sections:
             section = at_factor(each, self._factor)
-            line = self._crossings.line(section) if self._schedule.rests else None
-            if line is not None:
-                yield line
-                continue
-            for part in self._schedule.add(section):
-                yield Scheduled(part, section.tolerance)
+            if self._schedule.rests and is_line(section):
+                lines.append(section)
+                if len(lines) < MANY:
+                    continue
+                yield from self._along_lines(lines)
+                lines = []
+            else:
+                yield from self._along_lines(lines)
+                lines = []
+                yield from self._along(section)
+        yield from self._along_lines(lines)
 
-    def lifted(self, scheduled: Scheduled | Line) -> Iterator[Part]:
-        """Yield the parts that are final after the next part or line of the schedule."""
+    def _along(self, section: Section) -> Iterator[Scheduled]:
+        for part in self._schedule.add(section):
+            yield Scheduled(part, section.tolerance)
+
+    def _along_lines(self, sections: Sequence[Section]) -> Iterator[Scheduled | Lines]:
+        while sections:
+            lines = self._crossings.lines(sections)
+            if lines.sections:
+                yield lines
+            # a line without a motion in closed form is planned as any other section
+            rest = sections[len(lines.sections) :]
+            for section in rest[:1]:
+                yield from self._along(section)
+            sections = rest[1:]
+
+    def lifted(self, scheduled: Scheduled | Lines) -> Iterator[Part]:
+        """Yield the parts that are final after the next part or lines of the schedule."""
         if isinstance(scheduled, Scheduled):
             for lifted in self._lifter.add(scheduled.part):
                 yield from self._final(self._crossings.add(lifted, scheduled.tolerance))
         else:
-            yield from self._final(self._crossings.add_line(scheduled))
+            yield from self._final(self._crossings.add_lines(scheduled))
 
     def end(self) -> Iterator[Part]:
         """Yield the remaining parts, at the end of a chain."""
@@ -96,4 +117,4 @@ class Planner:
 
     def _final(self, parts: Iterable[Part]) -> Iterator[Part]:
         for part in parts:
-            yield part._replace(factor=self._factor)
+            yield part if part.factor == self._factor else part._replace(factor=self._factor)

@@ -297,7 +297,11 @@ def boxcars(step: float, acceleration: float, jerk: float, snap: float) -> Ramp:
         second = min(acceleration / jerk, sqrt(rise / jerk))
         return Ramp(0.0, second, rise / (jerk * second))
     # full snap, unless jerk, acceleration or the step of speed itself ends the first boxcar earlier
-    first = min(jerk / snap, sqrt(acceleration / snap), cube_root(rise / (2.0 * snap)))
+    first = min(jerk / snap, sqrt(acceleration / snap))
+    cube = rise / (2.0 * snap)
+    # a root that exceeds the others by more than rounding is not taken
+    if cube <= first * first * first * _WIDER:
+        first = min(first, cube_root(cube))
     reached = snap * first
     # the second boxcar with which the ramp has no phase of constant acceleration
     whole = 0.5 * (sqrt(first * first + 4.0 * rise / reached) - first)
