@@ -113,6 +113,18 @@ def test_the_history_says_each_step_and_leads_back(room: Tune) -> None:
     assert [each["text"] for each in words["history"]] == texts
     with pytest.raises(fd.FeeddriveError, match="whole number"):
         ask(room, "go", steps=0.5)
+    with pytest.raises(fd.FeeddriveError, match="from -200 to 200"):
+        ask(room, "go", steps=201)
+    assert ask(room, "go", steps=200)["history"][-1] == {"text": "Beginning", "steps": 0}
+
+
+def test_the_history_shows_the_last_twelve_steps(room: Tune) -> None:
+    for k in range(14):
+        ask(room, "move", name="law.Kv", value=101.0 + k)
+    words = ask(room, "show")
+    assert [each["steps"] for each in words["history"]] == list(range(12))
+    assert words["history"][-1]["text"] == "Kv 102 → 103 1/s"
+    assert [each["steps"] for each in ask(room, "go", steps=13)["history"]] == [*range(-12, 0), 0, 1]
 
 
 def test_a_filter_that_is_off_keeps_its_numbers_and_comes_back(room: Tune) -> None:
@@ -144,6 +156,7 @@ def test_the_phase_is_drawn_around_the_half_turn(bench: Bench) -> None:
     before, after = open_loop_chart(margins), wrapped(open_loop_chart(margins))
     whole, drawn = (next(panel for panel in chart.panels if panel.scale == DEGREES) for chart in (before, after))
     assert min(float(np.min(curve.y)) for curve in whole.curves) < -360.0  # dead time
+    assert (drawn.low, drawn.high) == (-270.0, -90.0)
     for one, two in zip(whole.curves, drawn.curves, strict=True):
         there = np.isfinite(two.y)
         assert np.all((two.y[there] >= -360.0) & (two.y[there] <= 0.0))
