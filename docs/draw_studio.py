@@ -62,7 +62,7 @@ class Page:
     def see(self, what: str) -> None:
         """Scroll so that something stands at the top, below the panel of the tour."""
         self.page.locator(what).first.evaluate(
-            "(each) => window.scrollTo(0, each.getBoundingClientRect().top + scrollY - 12 -"
+            "(each) => document.querySelector('main').scrollBy(0, each.getBoundingClientRect().top - 56 -"
             " (document.getElementById('tour')?.offsetHeight ?? 0))"
         )
         self.settle()
@@ -151,7 +151,7 @@ def by_hand(browser: Any, folder: Path) -> None:
     with studio(browser, folder, "ball_screw") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
         page.write("[id='number-law.Kp']", "95000")
-        page.click("text=Keep as A")
+        page.click("#keep")
         page.write("[id='number-law.Kv']", "130")
         page.take("studio")
         page.click("#dark")

@@ -1,5 +1,6 @@
-// The page: its rooms as tabs, what went wrong, and the work that runs.
+// The page: its views in a rail, each with an address of its own, what went wrong, and the work that runs.
 
+import { icon, type Icon } from "./icons";
 import { JobBar } from "./job";
 import { paint } from "./pictures/look";
 import { button, make } from "./parts";
@@ -32,7 +33,14 @@ const talk: Talk = new Talk(
   },
 );
 const ask = (request: Request) => talk.ask(request);
-const rooms: Room[] = [Bring, Commission, Scope, Tune, Goal, Compare, Prove, Take].map((Kind) => new Kind(ask));
+const tune = new Tune(ask);
+const rooms: Room[] = [
+  new Bring(ask),
+  new Commission(ask),
+  new Scope(ask),
+  tune,
+  ...[Goal, Compare, Prove, Take].map((Kind) => new Kind(ask)),
+];
 const job = new JobBar(ask);
 const tour = new Tour(ask, go);
 const error = make("p", { id: "error", role: "alert", hidden: "" });
@@ -50,13 +58,16 @@ let epoch = -1;
 let open = "";
 let began = false;
 
-const list = make("div", { role: "tablist", "aria-label": "What is done", id: "tabs" });
-for (const room of rooms) {
-  const tab = button(room.title, () => go(room.name), {
+const ICONS: Record<string, Icon> = { bring: "import", goal: "goal", take: "take" }; // others are called as their view
+const list = make("div", { role: "tablist", "aria-label": "Views", "aria-orientation": "vertical", id: "tabs" });
+rooms.forEach((room, i) => {
+  const tab = button("", () => go(room.name), {
     role: "tab",
     id: `tab-${room.name}`,
+    title: `${room.title} (${i + 1})`,
     "aria-controls": `room-${room.name}`,
   });
+  tab.append(icon(ICONS[room.name] ?? (room.name as Icon)), make("span", {}, room.title));
   const panel = make(
     "section",
     { role: "tabpanel", id: `room-${room.name}`, "aria-labelledby": tab.id, hidden: "" },
@@ -64,16 +75,34 @@ for (const room of rooms) {
   );
   tabs.set(room.name, { room, tab, panel });
   list.append(tab);
-}
+});
 list.addEventListener("keydown", (event) => {
-  const way = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+  const way = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
   if (way === undefined) return;
+  event.preventDefault();
   const at = rooms.findIndex((each) => each.name === open);
   const next = rooms[(at + way + rooms.length) % rooms.length]!;
   go(next.name);
   tabs.get(next.name)!.tab.focus();
 });
-document.querySelector("header")!.append(list, button("Dark", dark, { id: "dark", "aria-pressed": "false" }));
+document.addEventListener("keydown", (event) => {
+  const room = rooms[Number(event.key) - 1];
+  const field = event.target instanceof HTMLElement && event.target.closest("input, select, textarea, [contenteditable]");
+  if (room && !field && !event.ctrlKey && !event.metaKey && !event.altKey) go(room.name);
+});
+const look = button("", dark, {
+  id: "dark",
+  class: "tool",
+  "aria-pressed": "false",
+  "aria-label": "Dark",
+  title: "Dark or light",
+});
+look.append(icon("dark"));
+const logo = make("span", { class: "logo" });
+logo.append(icon("logo", { role: "img", "aria-label": "feeddrive" }));
+document.querySelector("header")!.prepend(logo);
+document.querySelector("header")!.append(tune.bar, look);
+document.querySelector("nav")!.append(list);
 document.querySelector("main")!.append(
   lost,
   tour.element,
@@ -82,9 +111,23 @@ document.querySelector("main")!.append(
   job.spoken,
   ...[...tabs.values()].map(({ panel }) => panel),
 );
+// Back, forward and a bookmark.
+addEventListener("popstate", () => {
+  const named = location.hash.slice(1);
+  if (tabs.has(named) && named !== open) show(named);
+});
 
-// Open a room and ask the server what it shows.
+// Open a view, and put its address into the history of the browser.
 export function go(name: string): void {
+  if (name === open) return show(name);
+  const address = `#${name}`;
+  if (open === "") history.replaceState(null, "", address);
+  else history.pushState(null, "", address);
+  show(name);
+}
+
+// Open a view and ask the server what it shows.
+function show(name: string): void {
   open = name;
   sessionStorage.setItem("feeddrive room", name);
   for (const [each, { tab, panel }] of tabs) {
@@ -118,7 +161,8 @@ function heard(received: Received, shows: boolean): void {
   else if (said.error && said.room) tabs.get(said.room)?.room.unchanged?.();
   if (!began) {
     began = true;
-    const kept = sessionStorage.getItem("feeddrive room") ?? "";
+    const named = location.hash.slice(1);
+    const kept = tabs.has(named) ? named : (sessionStorage.getItem("feeddrive room") ?? "");
     const target = tabs.has(kept) ? kept : said.epoch ? "tune" : "bring";
     if (target !== "bring" || open === "") go(target);
   } else if (other && said.room !== open) ask({ do: `${open}.show` });

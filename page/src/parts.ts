@@ -70,6 +70,16 @@ export function save(text: string, name: string): void {
   URL.revokeObjectURL(link.href);
 }
 
+// Put a text on the clipboard, and say at the button whether the browser allowed it.
+export async function copy(text: string, at: HTMLElement): Promise<void> {
+  const done = await (navigator.clipboard?.writeText(text) ?? Promise.reject()).then(
+    () => true,
+    () => false,
+  );
+  at.dataset.said = done ? "copied" : "not allowed";
+  setTimeout(() => delete at.dataset.said, 1500);
+}
+
 // A text that can be copied.
 export function copied(title: string, text: string, id: string): HTMLElement {
   const said = make("span", { role: "status" });

@@ -32,6 +32,7 @@ export interface Level {
   upright: boolean;
   dashed: boolean;
   faint: boolean;
+  number: number;
 }
 export interface Disc {
   x: number;
@@ -83,6 +84,7 @@ export interface Chart {
 export interface Knob {
   name: string;
   block: string;
+  title: string; // of the block
   unit: string;
   factor: number;
   low: number;

@@ -95,4 +95,4 @@ def test_a_bad_judgment_is_red_on_the_page(served: Callable[..., Any], tmp_path:
     page.wait_for_selector("#room-goal .verdict:has-text('Do not use this tuning')", timeout=120_000)
     color, usual = colors(page, "#room-goal .verdict")
     assert color != usual
-    assert page.inner_text("#goal-accept") == "Accept it all the same"
+    assert page.inner_text("#goal-accept") == "Use it all the same"

@@ -134,8 +134,8 @@ def test_fields_of_a_guard_that_are_half_filled_stay(served: Callable[..., Any],
 def test_files_that_are_refused_are_all_named_where_it_can_be_seen(served: Callable[..., Any], tmp_path: Path) -> None:
     page = (opened := served().open()).page
     opened.go("tune")
-    assert "Bring a machine or a measured response first" in page.inner_text("#room-tune")
-    assert page.locator("#room-tune button:visible").count() == 0
+    assert "Import a machine or a measured response" in page.inner_text("#room-tune")
+    assert page.locator("#room-tune button:visible").all_inner_texts() == ["Import a machine or a measured response"]
     page.evaluate(
         """() => {
             const held = new DataTransfer();

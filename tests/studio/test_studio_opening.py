@@ -184,7 +184,7 @@ def test_the_file_leads_a_real_browser_in(served: Callable[..., Any], tmp_path: 
     page = context.new_page()
     page.goto(path.as_uri())
     page.wait_for_selector("#verdict:not(:empty)")  # over its WebSocket
-    assert page.url == studio.address
+    assert page.url == f"{studio.address}#tune"
     (cookie,) = context.cookies()
     assert (cookie["httpOnly"], cookie["sameSite"], cookie["domain"]) == (True, "Strict", "127.0.0.1")
     assert (cookie["path"], cookie["expires"]) == ("/", -1)  # of this host, and forgotten with the browser

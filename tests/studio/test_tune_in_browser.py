@@ -190,9 +190,12 @@ def test_the_limit_that_is_broken_is_said_with_its_place(opened: Any) -> None:
     opened.settled()
     opened.go("tune")
     said = page.inner_text("#verdict")
-    assert said.startswith("phase margin")
-    assert "Hz, limit: phase margin >= 85°: broken" in said
-    assert "least stiffness" in page.inner_text("#figures")
+    assert said.startswith("Not yet: one limit is broken. Phase margin is ")
+    assert said.endswith("Hz, at least 85°.")
+    gauge = page.locator("[data-figure=phase_margin_deg]")
+    assert gauge.get_attribute("data-state") == "broken"
+    assert "limit broken" in gauge.get_attribute("aria-label")
+    assert "least stiffness" in page.text_content("#figures")
 
 
 def test_a_pole_is_dragged_in_the_pole_map(opened: Any) -> None:

@@ -4,25 +4,15 @@ import { button, make, renew } from "../parts";
 
 export class FilterAdder {
   readonly element: HTMLElement;
-  private readonly kind = make("select", { id: "add-kind" });
-  private readonly at = make("input", { id: "add-at", type: "text", inputmode: "decimal", size: "7" });
+  private readonly kind = make("select", { id: "add-kind", "aria-label": "Kind of the filter to add" });
+  private readonly at = make("input", { id: "add-at", type: "text", inputmode: "decimal", size: "6", placeholder: "auto" });
 
-  constructor(add: (kind: string, at: number | null) => void) {
-    this.at.title = "Hz; empty: at the highest resonance beyond the crossover. A click into the open loop fills it in.";
-    const press = button("Add filter", () => {
-      const typed = this.at.value.trim().replace(",", ".");
-      if (typed !== "" && !Number.isFinite(Number(typed))) return this.at.focus();
-      add(this.kind.value, typed === "" ? null : Number(typed));
-      this.at.value = "";
-    }, { id: "add-filter" }); // prettier-ignore
-    const kind = make("label", { for: "add-kind" }, "filter ", this.kind);
-    const at = make("label", { for: "add-at" }, "at ", this.at, " Hz");
-    const hint = make(
-      "p",
-      { class: "meaning" },
-      "A click into the open loop picks the frequency; without one it begins where the loop is likely to want it.",
-    );
-    this.element = make("fieldset", { class: "adder" }, make("legend", {}, "one more filter"), kind, at, press, hint);
+  constructor(private readonly add: (kind: string, at: number | null) => void) {
+    this.at.title =
+      "Frequency in Hz. Empty: at the resonance beyond the crossover that comes closest to -1. A click into the open loop fills it in.";
+    this.at.setAttribute("aria-label", "Frequency of the filter to add, Hz");
+    const press = button("Add", () => this.send(), { id: "add-filter", title: "Add this filter (N: at the cursor)" });
+    this.element = make("div", { class: "adder" }, this.kind, this.at, make("span", { class: "unit" }, "Hz"), press);
   }
 
   list(kinds: string[]): void {
@@ -33,5 +23,12 @@ export class FilterAdder {
 
   pick(frequency: number): void {
     this.at.value = String(Number(frequency.toPrecision(4)));
+  }
+
+  private send(): void {
+    const typed = this.at.value.trim().replace(",", ".");
+    if (typed !== "" && !Number.isFinite(Number(typed))) return this.at.focus();
+    this.add(this.kind.value, typed === "" ? null : Number(typed));
+    this.at.value = "";
   }
 }

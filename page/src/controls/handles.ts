@@ -40,6 +40,7 @@ export class Handles {
     private readonly picture: Picture,
     private readonly held: Held,
     private readonly sign: (grip: Grip) => string, // a letter or two on it
+    private readonly at_edge = false, // one beyond the edge stands at the edge, with an arrow
   ) {
     picture.whenDrawn(() => this.place());
   }
@@ -114,11 +115,22 @@ export class Handles {
   }
 
   private place(): void {
+    const area = this.at_edge ? this.picture.box : null;
     for (const { grip, element } of this.shown.values()) {
       const [left, top] = [this.picture.pixel(grip.x), this.picture.pixelHeight(grip.y)];
-      element.hidden = top === null || this.picture.at([left, top]) === null; // it may have been zoomed out of sight
-      element.style.left = `${left}px`;
-      element.style.top = `${top ?? 0}px`;
+      const edge = area && top !== null ? kept(left, top, area) : null;
+      const beyond = edge !== null && edge.way !== "" && !grip.name.endsWith(".width");
+      element.hidden = top === null || (!beyond && this.picture.at([left, top]) === null); // it may have been zoomed out of sight
+      element.dataset.beyond = beyond ? edge.way : "";
+      element.style.left = `${beyond ? edge.left : left}px`;
+      element.style.top = `${(beyond ? edge.top : top) ?? 0}px`;
     }
   }
+}
+
+// A place within an area, and the way to what lies beyond its edge.
+function kept(left: number, top: number, area: DOMRect): { left: number; top: number; way: string } {
+  const [x, y] = [Math.min(Math.max(left, area.left), area.right), Math.min(Math.max(top, area.top), area.bottom)];
+  const way = left > x + 0.5 ? "right" : left < x - 0.5 ? "left" : top > y + 0.5 ? "down" : top < y - 0.5 ? "up" : "";
+  return { left: x, top: y, way };
 }

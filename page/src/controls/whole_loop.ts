@@ -1,6 +1,7 @@
 // The loop as a whole, faster or slower: one slider over the crossover, whose range and meaning the server says.
 
 import { make } from "../parts";
+import { follow } from "./slider";
 
 export interface Faster {
   low: number;
@@ -19,39 +20,29 @@ export class WholeLoop {
     id: "speed-field",
     "aria-label": "crossover in Hz",
   });
-  private readonly meaning = make("p", { class: "meaning" });
+  private readonly label = make("label", { for: "speed" }, "Crossover");
   private range: Faster = { low: 1, high: 2, meaning: "" };
   private held = false;
 
   constructor(moved: (value: number | string, first: boolean) => void) {
-    const label = make("label", { for: "speed" }, "crossover");
-    const row = make("div", { class: "number" }, label, this.slider, this.field, make("span", { class: "unit" }, "Hz"));
-    this.element = make("fieldset", {}, make("legend", {}, "whole loop"), row, this.meaning);
-    let drag = false;
-    this.slider.addEventListener("pointerdown", () => (drag = false));
-    this.slider.addEventListener("input", () => {
-      moved(this.value(Number(this.slider.value)), !drag);
-      drag = this.held = true;
-    });
-    this.slider.addEventListener("change", () => (drag = this.held = false));
-    this.slider.addEventListener("keydown", (event) => {
-      const way = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 10, PageDown: -10 }[event.key];
-      if (way === undefined) return;
-      event.preventDefault();
-      moved(this.value(Math.min(STEPS, Math.max(0, Number(this.slider.value) + 5 * way))), !event.repeat);
-    });
-    this.field.addEventListener("input", () => (this.field.dataset.typed = "yes"));
-    this.field.addEventListener("change", () => {
-      delete this.field.dataset.typed;
-      const typed = Number(this.field.value.replace(",", "."));
-      moved(this.field.value.trim() !== "" && Number.isFinite(typed) ? typed : this.field.value, true);
-    });
+    const unit = make("span", { class: "unit" }, "Hz");
+    const row = make("div", { class: "number" }, this.label, make("span", { class: "entry" }, this.field, unit));
+    row.append(make("span", { class: "change" }), make("span", { class: "track" }, this.slider));
+    this.element = make("div", { class: "whole-loop" }, row);
+    this.slider.addEventListener("input", () => (this.held = true));
+    this.slider.addEventListener("change", () => (this.held = false));
+    follow(
+      this.slider,
+      this.field,
+      (at) => this.value(at),
+      (typed) => typed,
+      moved,
+    );
   }
 
   list(range: Faster): void {
     this.range = range;
-    this.meaning.textContent = range.meaning;
-    this.slider.title = range.meaning;
+    for (const each of [this.label, this.slider]) each.title = range.meaning;
   }
 
   // What the crossover is now; null where there is none.
@@ -59,8 +50,9 @@ export class WholeLoop {
     this.slider.disabled = this.field.disabled = crossover === null || this.range.high <= this.range.low;
     if (crossover === null) return;
     const { low, high } = this.range;
-    const share = Math.log(crossover / low) / Math.log(high / low);
-    if (!this.held) this.slider.value = String(STEPS * Math.min(1, Math.max(0, share)));
+    const share = Math.min(1, Math.max(0, Math.log(crossover / low) / Math.log(high / low)));
+    if (!this.held) this.slider.value = String(STEPS * share);
+    this.slider.style.setProperty("--at", `${100 * share}%`);
     this.slider.setAttribute("aria-valuetext", `${Number(crossover.toPrecision(4))} Hz`);
     if (!this.field.dataset.typed) this.field.value = String(Number(crossover.toPrecision(4)));
   }

@@ -2,14 +2,17 @@
 
 import { pixel, pixels, type Axis } from "./axis";
 import { heated, spread } from "./heat";
-import { color, type Look } from "./look";
+import { color, NAMED, type Look } from "./look";
 import { names } from "./names";
 import type { Band, Curve, Disc, Mark, Panel } from "../wire";
 
 // the dashes and markers of the reports (plot/style.py); widths and sizes in CSS pixels
 export const DASHES: number[][] = [[], [7, 2], [2, 1.5], [7, 2, 2, 2], [12, 3], [4, 1.5, 1, 1.5]];
-const WIDTHS = { line: 1.6, thin: 0.9, bar: 3 };
-const [MARK, NAMED] = [3.5, 5];
+// of today, now, A, B, C, found and its worst plant
+const NAMED_DASHES: number[][] = [[6, 3], [], [1.5, 3], [8, 3, 1.5, 3], [12, 3], [], [6, 3]];
+const NAMED_WIDTHS = [1.6, 2.2, 1.6, 1.5, 1.5, 2.2, 1.6];
+const WIDTHS = { line: 1.6, thin: 0.9, bar: 2 };
+const [MARK, MARK_WITH_NAME] = [3.5, 5];
 const SINGLE = { dots: 1.5, plus: 6, cross: 4.5, ring: 4 };
 const SHAPES: ((path: Path2D, x: number, y: number, r: number) => void)[] = [
   (path, x, y, r) => path.arc(x, y, r, 0, 2 * Math.PI),
@@ -36,21 +39,32 @@ export function paint(
   ctx.clip();
   ctx.lineJoin = "round";
   ctx.font = `${11 * ratio}px system-ui, sans-serif`;
+  for (const each of panel.bands) band(ctx, each, numbers, x, y, look);
   for (const level of panel.levels) {
     const at = pixel(level.upright ? x : y, level.value);
-    ctx.strokeStyle = level.dashed || level.faint ? look.muted : look.ink;
-    ctx.lineWidth = ratio;
+    const limit = level.number === -2;
+    ctx.strokeStyle = limit ? look.alert : level.dashed || level.faint || level.text ? look.muted : look.ink;
+    ctx.lineWidth = (limit ? 1.4 : 1) * ratio;
     ctx.setLineDash(level.dashed ? [5 * ratio, 3 * ratio] : []);
     ctx.beginPath();
     ctx.moveTo(level.upright ? at : x.from, level.upright ? y.from : at);
     ctx.lineTo(level.upright ? at : x.to, level.upright ? y.to : at);
     ctx.stroke();
-    ctx.fillStyle = look.muted;
-    ctx.textAlign = level.upright ? "left" : "right";
-    if (level.upright) ctx.fillText(level.text, at + 4 * ratio, y.to + 12 * ratio);
-    else ctx.fillText(level.text, x.to - 4 * ratio, at - 4 * ratio);
+    if (!level.text) continue;
+    ctx.textAlign = "left";
+    // words of a limit stand on the side that is forbidden, where no curve should be
+    if (level.upright) said(ctx, level.text, at + 4 * ratio, y.to + 12 * ratio, look.muted, look, ratio);
+    else
+      said(
+        ctx,
+        level.text,
+        x.from + 8 * ratio,
+        at + (at - y.to < 22 * ratio ? 14 : -6) * ratio,
+        limit ? look.alert : look.muted,
+        look,
+        ratio,
+      );
   }
-  for (const each of panel.bands) band(ctx, each, numbers, x, y, look);
   for (const each of panel.discs) disc(ctx, each, x, y, look, ratio);
   for (const each of panel.curves) curve(ctx, each, panel, numbers, x, y, look, ratio);
   for (const each of panel.marks) mark(ctx, each, x, y, look, ratio);
@@ -71,6 +85,18 @@ export function paint(
   ctx.fillText(panel.said, x.to, y.to - 5 * ratio);
 }
 
+// Words on a ground of their own, so that they can be read over curves.
+function said(ctx: CanvasRenderingContext2D, text: string, x: number, y: number, ink: string, look: Look, ratio: number): void {
+  const width = ctx.measureText(text).width;
+  const left = ctx.textAlign === "right" ? x - width : ctx.textAlign === "center" ? x - width / 2 : x;
+  ctx.globalAlpha = 0.85;
+  ctx.fillStyle = look.paper;
+  ctx.fillRect(left - 3 * ratio, y - 11 * ratio, width + 6 * ratio, 15 * ratio);
+  ctx.globalAlpha = 1;
+  ctx.fillStyle = ink;
+  ctx.fillText(text, x, y);
+}
+
 function disc(ctx: CanvasRenderingContext2D, disc: Disc, x: Axis, y: Axis, look: Look, ratio: number): void {
   const [cx, cy] = [pixel(x, disc.x), pixel(y, disc.y)];
   ctx.beginPath();
@@ -85,14 +111,14 @@ function disc(ctx: CanvasRenderingContext2D, disc: Disc, x: Axis, y: Axis, look:
   );
   const tint = disc.faint ? look.line : color(disc.number, look);
   if (disc.filled) {
-    ctx.globalAlpha = 0.18;
+    ctx.globalAlpha = disc.number === -2 ? 0.07 : disc.number >= NAMED ? 0 : 0.18;
     ctx.fillStyle = tint;
     ctx.fill();
     ctx.globalAlpha = 1;
   }
   ctx.strokeStyle = tint;
   ctx.lineWidth = ratio;
-  ctx.setLineDash(disc.faint ? [] : disc.number < 0 ? [5 * ratio, 3 * ratio] : scaled(disc.number, ratio));
+  ctx.setLineDash(disc.faint || disc.number === -2 ? [] : disc.number < 0 ? [5 * ratio, 3 * ratio] : scaled(disc.number, ratio));
   ctx.stroke();
 }
 
@@ -143,7 +169,7 @@ function curve(
     for (let i = 0; i < curve.n; i++) ctx.lineTo(across[i]!, up[i]!);
     ctx.fill();
   } else {
-    ctx.lineWidth = WIDTHS[kind] * ratio;
+    ctx.lineWidth = (kind === "line" ? width(curve.number) : WIDTHS[kind]) * ratio;
     ctx.setLineDash(kind === "line" ? scaled(curve.number, ratio) : []);
     ctx.beginPath();
     let pen = false; // what is not finite interrupts the line
@@ -166,7 +192,7 @@ function band(ctx: CanvasRenderingContext2D, band: Band, numbers: Float32Array, 
   const row = (k: number) => numbers.subarray(band.at + k * band.n, band.at + (k + 1) * band.n);
   const [across, low, high] = [pixels(x, row(0)), pixels(y, row(1)), pixels(y, row(2))];
   ctx.fillStyle = color(band.number, look);
-  ctx.globalAlpha = 0.18;
+  ctx.globalAlpha = band.number === -2 ? 0.08 : 0.18; // the side of a limit that is forbidden lies under curves
   ctx.beginPath();
   let first = 0;
   for (let i = 0; i <= band.n; i++) {
@@ -182,11 +208,12 @@ function band(ctx: CanvasRenderingContext2D, band: Band, numbers: Float32Array, 
 
 function mark(ctx: CanvasRenderingContext2D, mark: Mark, x: Axis, y: Axis, look: Look, ratio: number): void {
   const path = new Path2D();
-  SHAPES[(mark.number + SHAPES.length) % SHAPES.length]!(
+  const shape = mark.number === -2 ? 3 : mark.number >= NAMED ? 0 : mark.number;
+  SHAPES[(shape + SHAPES.length) % SHAPES.length]!(
     path,
     pixel(x, mark.x),
     pixel(y, mark.y),
-    (mark.name ? NAMED : MARK) * ratio,
+    (mark.name ? MARK_WITH_NAME : MARK) * ratio,
   );
   ctx.setLineDash([]);
   ctx.lineWidth = 1.4 * ratio;
@@ -196,8 +223,18 @@ function mark(ctx: CanvasRenderingContext2D, mark: Mark, x: Axis, y: Axis, look:
   ctx.stroke(path);
 }
 
+// The dashes of a curve by its number, in CSS pixels.
+export function dashes(number: number): number[] {
+  if (number >= NAMED) return NAMED_DASHES[(number - NAMED) % NAMED_DASHES.length]!;
+  return DASHES[number < 0 ? 0 : number % DASHES.length]!;
+}
+
 function scaled(number: number, ratio: number): number[] {
-  return DASHES[number < 0 ? 0 : number % DASHES.length]!.map((each) => each * ratio);
+  return dashes(number).map((each) => each * ratio);
+}
+
+function width(number: number): number {
+  return number >= NAMED ? NAMED_WIDTHS[(number - NAMED) % NAMED_WIDTHS.length]! : WIDTHS.line;
 }
 
 function polygon(path: Path2D, x: number, y: number, r: number, corners: number): void {

@@ -8,17 +8,20 @@ export interface Look {
   line: string;
   alert: string;
   curves: string[];
+  named: string[]; // of curves with a number from NAMED on: today, now, A, B, C, found, worst plant of it
   heat: string[]; // from small to large values
 }
 const LOOKS: Record<"light" | "dark", Look> = {
   light: {
-    paper: "#ffffff", ink: "#1c2329", muted: "#5a6772", line: "#d9dfe4", alert: "#b3261e",
+    paper: "#ffffff", ink: "#12171c", muted: "#5a6570", line: "#e6eaee", alert: "#b81f2b",
     curves: ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"],
+    named: ["#66717c", "#0a5fc4", "#00735f", "#8a3fb5", "#995200", "#00735f", "#8a3fb5"],
     heat: ["#54b0d7", "#4197db", "#5e79d3", "#8554b2", "#98277f", "#8a0c47", "#6c0b1b"],
   }, // prettier-ignore
   dark: {
-    paper: "#14191e", ink: "#e6eaee", muted: "#a2adb8", line: "#39424b", alert: "#ff8a80",
+    paper: "#14181d", ink: "#eef2f5", muted: "#98a4af", line: "#29313a", alert: "#ff8583",
     curves: ["#56b4e9", "#ff9d5c", "#35c79b", "#e7a8cb", "#f0c04d", "#9ad2f2"],
+    named: ["#9aa6b1", "#5ab0ff", "#3ccfab", "#cf9bf5", "#eeb062", "#3ccfab", "#cf9bf5"],
     heat: ["#256acf", "#a066ce", "#e464b6", "#ff7c97", "#ffa28d", "#ffc28b", "#fce26c"],
   }, // prettier-ignore
 };
@@ -39,8 +42,11 @@ export function paint(dark: boolean): void {
   for (const act of painted) act();
 }
 
+export const NAMED = 100; // the least number of a curve whose color and dashes stay, whatever other curves there are
+
 // The color of a curve by its number: -1 is muted, -2 is an alert.
 export function color(number: number, look: Look): string {
   if (number === -2) return look.alert;
+  if (number >= NAMED) return look.named[(number - NAMED) % look.named.length]!;
   return number < 0 ? look.muted : look.curves[number % look.curves.length]!;
 }

@@ -3,14 +3,16 @@
 import uPlot from "uplot";
 
 import { pixel, value, type Axis } from "./axis";
+import { near } from "./curve";
 import { paint } from "./drawing";
 import type { Look } from "./look";
 import { pointed } from "./names";
 import { plain, ticks, type Ticks } from "./ticks";
-import type { Curve, Panel as Content } from "../wire";
+import type { Panel as Content } from "../wire";
 
-export const LEFT = 66; // pixels of the axis at the left, the same for all panels so that they stand in line
-const BELOW = { last: 42, other: 10 };
+// pixels of the axis at the left, the same for all panels so that they stand in line, and below; tight: without labels
+const LEFT = { roomy: 66, tight: 44 };
+const BELOW = { roomy: 42, tight: 22, other: 10 };
 const [TOP, RIGHT, SAID] = [6, 14, 20]; // above, with a line above, and at the right
 
 export interface Range {
@@ -22,6 +24,7 @@ export interface Heard {
   selected: (x: Range | null, y: Range | null) => void;
   reset: () => void;
   picked: (x: number, y: number, key: string) => void;
+  pointed: (x: number | null) => void; // where the cursor stands
 }
 // What is drawn: content of the panel, numbers of its curves, both ranges and scales.
 export interface Drawn {
@@ -32,6 +35,7 @@ export interface Drawn {
   frequency: boolean;
   square: boolean;
   bare: boolean;
+  tight: boolean; // no labels at the axes
   label: string;
   names: Map<number, string>; // of curves, by number: panels below the first do not name them again
   look: Look;
@@ -43,10 +47,10 @@ export class Panel {
   private drawn: Drawn;
 
   // Pixels beside the content: across, and up and down.
-  static around(last: boolean, bare: boolean, said: boolean): [number, number] {
-    const top = said ? SAID : TOP;
+  static around({ content, bare, tight }: Drawn, last: boolean): [number, number] {
+    const [top, kind] = [content.said ? SAID : TOP, tight ? "tight" : "roomy"] as const;
     if (bare) return [2 * RIGHT, top + RIGHT];
-    return [LEFT + RIGHT, top + (last ? BELOW.last : BELOW.other)];
+    return [LEFT[kind] + RIGHT, top + (last ? BELOW[kind] : BELOW.other)];
   }
 
   constructor(place: HTMLElement, drawn: Drawn, last: boolean, width: number, height: number, link: string | null, heard: Heard) {
@@ -83,8 +87,10 @@ export class Panel {
       26,
     );
     const top = drawn.content.said ? SAID : TOP;
+    const beside = drawn.tight ? {} : { label: drawn.content.label, labelSize: 20, labelGap: 0 };
+    const under = drawn.tight ? {} : { label: drawn.label, labelSize: 20, labelGap: 0 };
     const below = last
-      ? { size: BELOW.last - 20, labelSize: 20, label: drawn.label, labelGap: 0 }
+      ? { size: drawn.tight ? BELOW.tight : BELOW.roomy - 20, ...under }
       : { size: BELOW.other, values: () => [] };
     this.plot = new uPlot(
       {
@@ -99,7 +105,7 @@ export class Panel {
         series: [{}, { paths: () => null, points: { show: false } }],
         axes: [
           { ...shared, ...x, ...below, show: !drawn.bare },
-          { ...shared, ...y, show: !drawn.bare, size: LEFT - 20, label: drawn.content.label, labelSize: 20, labelGap: 0 },
+          { ...shared, ...y, show: !drawn.bare, size: drawn.tight ? LEFT.tight : LEFT.roomy - 20, ...beside },
         ],
         cursor: {
           y: drawn.square,
@@ -112,7 +118,7 @@ export class Panel {
         },
         hooks: {
           draw: [() => this.paint()],
-          setCursor: [() => this.read()],
+          setCursor: [() => heard.pointed(this.read())],
           setSelect: [() => this.select(heard)],
         },
       },
@@ -139,6 +145,13 @@ export class Panel {
     this.drawn = drawn;
     if (this.plot.width !== width || this.plot.height !== height) this.plot.setSize({ width, height });
     this.plot.setData(this.corners());
+  }
+
+  // Where the content lies within the picture, in pixels of CSS.
+  get box(): DOMRect {
+    const { left, top, width, height } = this.plot.bbox;
+    const ratio = uPlot.pxRatio;
+    return new DOMRect(left / ratio, this.top + top / ratio, width / ratio, height / ratio);
   }
 
   // Pixels of CSS within the picture: of a value of x, and of y.
@@ -186,6 +199,12 @@ export class Panel {
     const { width, height } = this.plot.bbox;
     this.plot.setCursor({ left: (share * width) / uPlot.pxRatio, top: height / uPlot.pxRatio / 2 });
     return this.readout.textContent ?? "";
+  }
+
+  // y of the line with a number, at x; null beside it.
+  valueAt(number: number, x: number): number | null {
+    const curve = this.drawn.content.curves.find((each) => each.number === number && each.look === "line");
+    return curve ? near(curve, this.drawn.numbers, x) : null;
   }
 
   // x at a share of the width, as it is shown now.
@@ -245,11 +264,11 @@ export class Panel {
     );
   }
 
-  // The values under the cursor, in words.
-  private read(): void {
+  // Show the values under the cursor in words; x there, null without a cursor.
+  private read(): number | null {
     const { left = -1, top = -1 } = this.plot.cursor;
     this.readout.hidden = left < 0;
-    if (left < 0) return;
+    if (left < 0) return null;
     const { bbox } = this.plot;
     const { x, y } = this.axes();
     const at = value(x, bbox.left + left * uPlot.pxRatio);
@@ -268,6 +287,7 @@ export class Panel {
     this.readout.textContent = rows.join("\n");
     this.readout.hidden = rows.length === 0;
     this.readout.classList.toggle("right", left < this.plot.over.clientWidth / 2);
+    return at;
   }
 }
 
@@ -278,19 +298,4 @@ function still(type: string, plot: uPlot): boolean {
 
 function five(value: number): string {
   return String(Number(value.toPrecision(5)));
-}
-
-// y of a curve at x, between its two points there; null beside it and where it is interrupted.
-function near(curve: Curve, numbers: Float32Array, x: number): number | null {
-  let [low, high] = [0, curve.n - 1];
-  const at = (i: number) => numbers[curve.at + i]!;
-  if (curve.n < 2 || !(at(low) <= x && x <= at(high))) return null;
-  while (high - low > 1) {
-    const middle = (low + high) >> 1;
-    if (at(middle) <= x) low = middle;
-    else high = middle;
-  }
-  const [left, right] = [numbers[curve.at + curve.n + low]!, numbers[curve.at + curve.n + high]!];
-  const found = at(high) > at(low) ? left + ((right - left) * (x - at(low))) / (at(high) - at(low)) : left;
-  return Number.isNaN(found) ? null : found;
 }

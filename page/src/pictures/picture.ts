@@ -1,16 +1,19 @@
 // A chart of the server: panels below each other over the same x, with a legend that tells the figures of each curve.
 
-import { DASHES } from "./drawing";
+import { dashes } from "./drawing";
 import { scaled_bar } from "./heat";
-import { color, look as chosen, type Look } from "./look";
+import { color, look as chosen, NAMED, type Look } from "./look";
 import { Panel, type Drawn, type Range } from "./panel";
 import { pinch } from "./pinch";
-import { button } from "../parts";
+import { icon, line } from "../icons";
+import { button, copy } from "../parts";
 import type { Chart, Curve, Panel as Content } from "../wire";
 
 const [HEIGHT, MORE] = [280, 80]; // pixels of a picture, as page.css has it, and of each panel beyond two
 // How the legend shows a look that is no line.
 const SAMPLES: Partial<Record<Curve["look"], string>> = { cross: "cross", ring: "ring", dots: "dots" };
+const LARGE = "large";
+const NOW = 101; // the number of the control of now, as on the server
 const pictures = new WeakMap<Element, Picture>();
 const asked: ((label: string, x: Range | null) => void)[] = [];
 
@@ -29,6 +32,8 @@ export function showAll(): void {
 export class Picture {
   readonly element = document.createElement("figure");
   onpick: ((x: number, y: number, panel: number, key: string) => void) | null = null; // key: of the mark that was clicked
+  oncursor: ((x: number | null) => void) | null = null; // in SI; null where the cursor stands nowhere
+  hidden: ReadonlySet<number> = new Set(); // numbers of curves that are not drawn
   private readonly followers: (() => void)[] = [];
   private readonly caption = document.createElement("figcaption");
   private readonly field = document.createElement("div"); // the picture, and over it what can be dragged
@@ -38,7 +43,8 @@ export class Picture {
   private panels: Panel[] = [];
   private shape = "";
   private legend_shown = "";
-  private chart: Chart | null = null;
+  private chart: Chart | null = null; // as it is drawn
+  private whole_chart: Chart | null = null; // with what is hidden
   private numbers: Float32Array = new Float32Array();
   private x: Range | null = null; // what was zoomed to; null for all
   private y = new Map<number, Range>(); // by panel
@@ -48,18 +54,28 @@ export class Picture {
     hidden: "",
   });
 
+  private readonly quantities = document.createElement("span"); // of a picture in a tight grid: in place of labels at its axes
+  private readonly reading = document.createElement("span");
+  private readonly dot = document.createElement("i"); // a place that another picture points at
+
+  // `tight` for a picture that fills a cell of a grid: labels of the axes stand in its head, and it can be made large.
   constructor(
     readonly title: string,
     private readonly more = MORE,
+    private readonly tight = false,
   ) {
     this.whole.setAttribute("aria-label", `show all of ${title}`);
-    this.caption.append(`${title} `, this.whole);
+    this.quantities.className = "quantities";
+    this.dot.className = "dot";
+    this.dot.hidden = true;
+    this.caption.append(heading(title), " ", this.quantities, this.whole);
+    this.reading.className = "reading";
+    if (tight) this.caption.append(this.reading, this.tools());
     this.field.className = "field";
     this.surface.className = "surface";
     this.surface.setAttribute("role", "img");
     this.surface.tabIndex = 0;
-    this.surface.title =
-      "Drag or pinch to zoom, double click for all. Keys: left and right move the cursor, + and - zoom, 0 shows all.";
+    this.surface.title = `Drag or pinch to zoom, double click for the first view. Keys: left and right move the cursor, + and - zoom, 0 shows the first view${tight ? ", Enter makes it large" : ""}.`;
     this.surface.addEventListener("keydown", (event) => this.key(event));
     pinch(this.surface, {
       area: () => this.panels[0]!.area,
@@ -70,18 +86,21 @@ export class Picture {
     this.legend.className = "legend";
     this.spoken.className = "spoken";
     this.spoken.setAttribute("role", "status");
-    this.field.append(this.surface);
+    this.field.append(this.surface, this.dot);
     this.element.append(this.caption, this.legend, this.field, this.spoken);
     pictures.set(this.element, this);
     new ResizeObserver(() => this.redraw()).observe(this.field);
   }
 
-  draw(chart: Chart, numbers: Float32Array, look: Look): void {
+  draw(whole: Chart, numbers: Float32Array, look: Look): void {
+    const chart = without(whole, this.hidden);
     this.keep_zoom(chart);
     this.chart = chart;
+    this.whole_chart = whole;
     this.numbers = numbers;
     this.whole.hidden = this.x === null && this.y.size === 0;
-    this.field.style.height = chart.panels.length > 2 ? `${HEIGHT + this.more * (chart.panels.length - 2)}px` : "";
+    if (!this.tight)
+      this.field.style.height = chart.panels.length > 2 ? `${HEIGHT + this.more * (chart.panels.length - 2)}px` : "";
     const [width, height] = [this.field.clientWidth, this.field.clientHeight];
     if (width < 120 || height < 60) return; // not laid out yet
     const x = this.x ?? reach(chart, numbers);
@@ -91,7 +110,7 @@ export class Picture {
     const drawn: Drawn[] = chart.panels.map((content, i) => ({
       content, numbers, x, look, names,
       y: this.y.get(i) ?? range(content, numbers, x),
-      frequency: chart.scale !== "linear", square: chart.square, bare: chart.bare, label: chart.label,
+      frequency: chart.scale !== "linear", square: chart.square, bare: chart.bare, label: chart.label, tight: this.tight,
     })); // prettier-ignore
     const sizes = layout(chart, drawn, width, height);
     const shape = JSON.stringify([
@@ -109,6 +128,7 @@ export class Picture {
           selected: (x: Range | null, y: Range | null) => this.zoom(x, y, i),
           reset: () => this.zoom(null, null),
           picked: (x: number, y: number, key: string) => this.onpick?.(x / this.factor, y, i, key),
+          pointed: (x: number | null) => i === 0 && this.read(x),
         };
         return new Panel(this.surface, each, i === drawn.length - 1, ...sizes[i]!, link, heard);
       });
@@ -117,7 +137,65 @@ export class Picture {
       this.panels.forEach((each, i) => each.draw(drawn[i]!, ...sizes[i]!));
     }
     this.describe(chart, look);
+    const labels = [...new Set(chart.panels.map((each) => each.label)), chart.label];
+    this.quantities.textContent = this.tight ? labels.map((each) => shortened(each, this.title)).join(" · ") : "";
+    this.quantities.title = labels.join("; ");
     for (const follow of this.followers) follow();
+  }
+
+  // The values of now at the cursor, in the head of a picture in a grid.
+  private read(x: number | null): void {
+    this.oncursor?.(x === null ? null : x / this.factor);
+    if (!this.tight || this.chart?.square) return;
+    const found = x === null ? [] : this.panels.map((each) => each.valueAt(NOW, x)).filter((each) => each !== null);
+    this.reading.textContent = found.map((each) => Number(each.toPrecision(3))).join(", ");
+  }
+
+  // Put the cursor at a value of x in SI, here and in the pictures beside this one over the same x.
+  putCursor(x: number): void {
+    const first = this.panels[0];
+    if (!first) return;
+    const share = (this.pixel(x) - first.box.left) / first.box.width;
+    if (share >= 0 && share <= 1) for (const each of this.panels) each.point(share);
+  }
+
+  // Show a place in the first panel, in the units of its axes; null takes it away.
+  point(at: { x: number; y: number } | null): void {
+    const [left, top] = at ? [this.panels[0]?.across(at.x) ?? NaN, this.pixelHeight(at.y) ?? NaN] : [NaN, NaN];
+    this.dot.hidden = Number.isNaN(left + top) || this.at([left, top]) === null;
+    this.dot.style.left = `${left}px`;
+    this.dot.style.top = `${top}px`;
+  }
+
+  // What is drawn, as a table: a row a point, each panel and each curve below the one before.
+  csv(): string {
+    const rows = ["panel,curve,x,y"];
+    for (const panel of this.chart?.panels ?? [])
+      for (const curve of panel.curves)
+        for (let i = 0; i < curve.n; i++) {
+          const [x, y] = [this.numbers[curve.at + i]!, this.numbers[curve.at + curve.n + i]!];
+          if (!Number.isNaN(x + y)) rows.push([quoted(panel.label), quoted(curve.name), five(x), five(y)].join(","));
+        }
+    return `${rows.join("\n")}\n`;
+  }
+
+  private tools(): HTMLElement {
+    const tools = document.createElement("span");
+    const large = button("", () => this.enlarge(), { class: "tool", title: "Make large (Enter), or small again" });
+    large.setAttribute("aria-label", `Make ${this.title} large`);
+    large.append(icon("large"));
+    const data = button("", () => void copy(this.csv(), data), { class: "tool", title: "Copy the data as CSV" });
+    data.setAttribute("aria-label", `Copy the data of ${this.title}`);
+    data.append(icon("copy"));
+    tools.className = "tools";
+    tools.append(data, large);
+    return tools;
+  }
+
+  // Fill the grid with this picture, or give the others their places again.
+  private enlarge(): void {
+    const now = this.element.classList.toggle(LARGE);
+    this.element.parentElement?.classList.toggle("one", now);
   }
 
   // What lies over the picture finds its place after each drawing.
@@ -175,12 +253,17 @@ export class Picture {
     return this.panels[0]?.holds(y) ?? false;
   }
 
+  // Where the content of the first panel lies in the picture, in pixels.
+  get box(): DOMRect | null {
+    return this.panels[0]?.box ?? null;
+  }
+
   get canvas(): HTMLElement {
     return this.field;
   }
 
   private redraw(): void {
-    if (this.chart) this.draw(this.chart, this.numbers, chosen());
+    if (this.whole_chart) this.draw(this.whole_chart, this.numbers, chosen());
   }
 
   private all(): void {
@@ -226,8 +309,12 @@ export class Picture {
     } else if (event.key === "+") {
       const at = first.scale();
       this.zoom({ low: at(Math.max(0, now - 0.25)), high: at(Math.min(1, now + 0.25)) }, null);
-    } else if (["-", "0", "Escape"].includes(event.key)) {
+    } else if (event.key === "-" && this.x === null && this.chart?.low !== null) {
+      this.zoom(extent(this.chart!, this.numbers), null); // beyond the part that is shown at first
+    } else if (["-", "0"].includes(event.key) || (event.key === "Escape" && !this.element.classList.contains(LARGE))) {
       this.zoom(null, null);
+    } else if (this.tight && (event.key === "Enter" || event.key === "Escape")) {
+      this.enlarge();
     } else {
       return;
     }
@@ -240,7 +327,7 @@ export class Picture {
     const named = [
       ...curves.map(({ number, name, said, look, reach }) => ({
         number,
-        kind: reach ? "area" : (SAMPLES[look] ?? `dash${number < 0 ? 0 : number % DASHES.length}`),
+        kind: reach ? "area" : (SAMPLES[look] ?? "line"),
         said: said ? `${name}: ${said.trim()}` : name,
       })),
       ...bands.map(({ number, name }) => ({ number, kind: "area", said: name })),
@@ -259,7 +346,8 @@ export class Picture {
         const sample = document.createElement("span");
         sample.className = `sample ${kind}`;
         sample.style.color = color(number, look);
-        item.append(sample, said);
+        if (number >= NAMED && kind !== "area") item.className = number === NOW ? "control now" : "control";
+        item.append(kind === "line" ? line(color(number, look), dashes(number)) : sample, said);
         return item;
       }),
       ...heats.map((each) => scaled_bar(each, look)),
@@ -268,13 +356,54 @@ export class Picture {
   }
 }
 
+function heading(title: string): HTMLElement {
+  const found = document.createElement("b");
+  found.textContent = title;
+  return found;
+}
+
+// The label of an axis under a title that says the same quantity: its unit alone.
+function shortened(label: string, title: string): string {
+  const unit = /\(([^)]*)\)$/.exec(label)?.[1];
+  const quantity = label.replace(/ ?\([^)]*\)$/, "");
+  if (unit && [title.toLowerCase(), "frequency", "time"].includes(quantity.toLowerCase())) return unit;
+  return quantity.toLowerCase().startsWith(`${title.toLowerCase()} `) ? label.slice(title.length + 1) : label;
+}
+
+function quoted(text: string): string {
+  return /[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
+}
+
+function five(value: number): string {
+  return String(Number(value.toPrecision(7)));
+}
+
+// The chart without what belongs to some curves.
+function without(chart: Chart, hidden: ReadonlySet<number>): Chart {
+  if (hidden.size === 0) return chart;
+  const shown = (each: { number: number }) => !hidden.has(each.number);
+  const panels = chart.panels.map((panel) => ({
+    ...panel,
+    curves: panel.curves.filter(shown),
+    marks: panel.marks.filter(shown),
+    discs: panel.discs.filter(shown),
+    notes: panel.notes.filter(shown),
+    bands: panel.bands.filter(shown),
+  }));
+  return { ...chart, panels };
+}
+
 // All of x that the curves have.
-function reach(chart: Chart, numbers: Float32Array): Range {
-  const log = chart.scale !== "linear";
-  const found = span(
+function extent(chart: Chart, numbers: Float32Array): Range {
+  return span(
     chart.panels.flatMap((panel) => panel.curves.map((each) => numbers.subarray(each.at, each.at + each.n))),
-    log,
+    chart.scale !== "linear",
   );
+}
+
+// The part of x that is shown at first.
+function reach(chart: Chart, numbers: Float32Array): Range {
+  const found = chart.low === null || chart.high === null ? extent(chart, numbers) : { low: 0, high: 1 };
   return { low: chart.low ?? found.low, high: chart.high ?? found.high };
 }
 
@@ -312,7 +441,7 @@ function span(rows: ArrayLike<number>[], log: boolean): Range {
 
 // Width and height of each panel; of a square chart so that a unit of x is as long as one of y.
 function layout(chart: Chart, drawn: Drawn[], width: number, height: number): [number, number][] {
-  const around = drawn.map((_, i) => Panel.around(i === drawn.length - 1, chart.bare, chart.panels[i]!.said !== ""));
+  const around = drawn.map((_, i) => Panel.around(drawn[i]!, i === drawn.length - 1));
   const shares = chart.panels.reduce((sum, panel) => sum + panel.share, 0);
   const free = height - around.reduce((sum, each) => sum + each[1], 0);
   return drawn.map(({ x, y }, i) => {

@@ -39,7 +39,7 @@ interface Words {
 
 export class Bring implements Room {
   readonly name = "bring";
-  readonly title = "Bring";
+  readonly title = "Import";
   readonly element = make("div", { class: "bring" });
   private readonly wrong = make("div", { role: "alert", class: "bad" });
   private readonly place = make("div", { class: "drop", tabindex: "-1" });

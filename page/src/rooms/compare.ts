@@ -21,7 +21,7 @@ interface Words {
 
 export class Compare implements Room {
   readonly name = "compare";
-  readonly title = "Compare laws";
+  readonly title = "Compare";
   readonly element = make("div", { class: "compare" });
   private readonly start: HTMLButtonElement;
   private readonly starts = make("input", { type: "number", min: "1", max: "20", value: "2", id: "compare-starts" });
@@ -86,7 +86,7 @@ export class Compare implements Room {
     this.hint.hidden = words.ready && found !== null;
     this.hint.textContent = words.ready
       ? "This takes minutes. Laws that are finished are kept: after a cancel the comparison goes on where it was."
-      : "Bring a machine first: a measured response alone has no laws to compare.";
+      : "Import a machine first: laws cannot be compared on a measured response alone.";
     this.seed.textContent = found ? `Noise of the readings by seed ${found.seed}, the same for all laws.` : "";
     this.outcome.replaceChildren(
       ...(found

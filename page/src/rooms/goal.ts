@@ -38,7 +38,7 @@ const TITLES: Record<string, string> = {
 
 export class Goal implements Room {
   readonly name = "goal";
-  readonly title = "Tune by goal";
+  readonly title = "Optimize";
   readonly element = make("div", { class: "goal" });
   private readonly form = make("div", { class: "fields" });
   private readonly buttons = make("div", { class: "buttons" });
@@ -60,11 +60,14 @@ export class Goal implements Room {
     this.levels = ["sensitivity", "stiffness"].map(
       (name) => new Levels(name, this.pictures.get(name)!, (field, value) => ask({ do: "goal.level", field, value })),
     );
-    this.tune = button("Tune", () => ask({ do: "goal.tune" }), { id: "tune-start", class: "main" });
-    this.accept = button("Accept", () => ask({ do: "goal.accept" }), { id: "goal-accept" });
-    this.reject = button("Reject", () => ask({ do: "goal.reject" }), { id: "goal-reject" });
+    this.tune = button("Start", () => ask({ do: "goal.tune" }), { id: "tune-start", class: "main" });
+    this.accept = button("Use result", () => ask({ do: "goal.accept" }), { id: "goal-accept" });
+    this.reject = button("Discard", () => ask({ do: "goal.reject" }), { id: "goal-reject" });
     this.buttons.append(this.tune, this.accept, this.reject);
-    this.element.append(this.form, this.buttons, this.verdict, this.report.head, grid, this.report.body);
+    this.element.append(
+      make("section", { class: "settings", "aria-label": "Goal and limits" }, make("h2", {}, "Goal and limits"), this.form),
+      make("section", { "aria-label": "Search" }, this.buttons, this.verdict, this.report.head, grid, this.report.body),
+    );
     whenPainted(() => this.draw());
   }
 
@@ -74,11 +77,11 @@ export class Goal implements Room {
     this.place(words.fields);
     this.tune.disabled = !words.ready;
     this.accept.disabled = this.reject.disabled = !words.best;
-    const accept = words.unfinished ? "Accept the best so far" : words.found?.bad ? "Accept it all the same" : "Accept";
+    const accept = words.unfinished ? "Use best so far (not proven)" : words.found?.bad ? "Use it all the same" : "Use result";
     if (this.accept.textContent !== accept) this.accept.textContent = accept;
     const { ready, begins, over, unfinished, found = null } = words;
     renew(this.verdict, [ready, begins, over, unfinished], () => [
-      ...(ready ? [] : [make("p", {}, "Bring a machine or a measured response first.")]),
+      ...(ready ? [] : [make("p", {}, "Import a machine or a measured response first.")]),
       ...(begins ? [make("p", {}, begins)] : []),
       ...(over ? [make("p", { id: "goal-over" }, over)] : []),
       ...(unfinished ? [make("p", {}, "The search has not finished: what is shown is the best so far, and is not proven.")] : []),
@@ -110,15 +113,15 @@ export class Goal implements Room {
       input = make("select", { id }, ...field.options.map((value) => make("option", { value }, value)));
     } else input = make("input", { id, type: "text", size: field.offered.length ? "28" : "8" });
     const offered = offer(input, field.offered);
-    input.title = field.meaning;
+    const meaning = make("small", { id: `${id}-meaning` }, field.meaning);
+    input.setAttribute("aria-describedby", meaning.id);
     input.addEventListener("change", () => set(input.value));
     return make(
-      "label",
-      { for: id, title: field.meaning },
-      `${field.label} `,
-      input,
-      ...offered,
-      field.unit ? ` ${field.unit}` : "",
+      "div",
+      { class: "setting" },
+      make("label", { for: id }, field.label),
+      make("span", {}, input, ...offered, make("span", { class: "unit" }, field.unit)),
+      meaning,
     );
   }
 

@@ -44,8 +44,9 @@ export class Prove implements Room {
   readonly name = "prove";
   readonly title = "Prove";
   readonly element = make("div", { class: "prove" });
-  private readonly hint = make("p", {}, "Bring a machine first: what moves on the machine needs its masses and limits.");
+  private readonly hint = make("p", {}, "Import a machine first: what moves needs its masses and limits.");
   private readonly buttons = make("div", { class: "buttons" });
+  private readonly intro = make("div", { class: "empty" });
   private readonly parts = new Map(Object.keys(PICTURES).map((name) => [name, part(name)]));
   private readonly chosen = { x: "", y: "", program: "" };
   private place = 0; // the worst place of the part program that is looked at
@@ -53,7 +54,17 @@ export class Prove implements Room {
   private last: Received | null = null;
 
   constructor(private readonly ask: Ask) {
-    this.element.append(this.hint, this.buttons, ...[...this.parts.values()].map((each) => each.section));
+    this.intro.append(
+      make("h1", {}, "Prove the loop stable"),
+      make(
+        "p",
+        {},
+        "A certificate covers every plant in a disc around the model, with the control as it will run, in exact arithmetic. ",
+        "A checker that shares no code with it checks each step.",
+      ),
+      make("p", {}, "A part program and the circle test of ISO 230-4 run on the simulated machine with the same control."),
+    );
+    this.element.append(this.hint, this.buttons, this.intro, ...[...this.parts.values()].map((each) => each.section));
     const program = this.parts.get("program")!;
     program.pictures.get("path")!.onpick = (_x, _y, _panel, key) =>
       key && program.list.querySelectorAll("button")[Number(key)]?.click();
@@ -65,6 +76,7 @@ export class Prove implements Room {
     const words = received.said as unknown as Words;
     this.hint.hidden = words.ready;
     this.buttons.hidden = !words.ready;
+    this.intro.hidden = !words.ready || Object.keys(words.shown).length > 0;
     this.head(words);
     this.order(Object.keys(words.shown));
     for (const [name, each] of this.parts) {
@@ -115,7 +127,7 @@ export class Prove implements Room {
       button("Circle test", () => this.ask({ do: "prove.circle", x: chosen.x, y: chosen.y }), { id: "prove-circle" }),
     ];
     renew(this.buttons, [words.axes, words.programs], () => [
-      button("Certify", () => this.ask({ do: "prove.certify" }), { id: "prove-certify", class: "main" }),
+      button("Prove stability", () => this.ask({ do: "prove.certify" }), { id: "prove-certify", class: "main" }),
       select("Part program", words.programs, "program"),
       button("Run it on the machine", () => this.ask({ do: "prove.program", name: chosen.program }), { id: "prove-program" }),
       button("Correct it", () => this.ask({ do: "prove.correct", name: chosen.program }), {

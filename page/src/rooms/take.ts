@@ -20,7 +20,7 @@ interface Words {
 
 export class Take implements Room {
   readonly name = "take";
-  readonly title = "Take away";
+  readonly title = "Export";
   readonly element = make("div", { class: "take" });
 
   private readonly given = new Map<string, string>(); // what a person wrote into the fields of the guard
@@ -54,7 +54,7 @@ export class Take implements Room {
       return found;
     });
     const content = [
-      ...(words.ready ? [] : [make("p", {}, "Bring a machine first: a control is written for an axis of a machine file.")]),
+      ...(words.ready ? [] : [make("p", {}, "Import a machine first: a control is exported for an axis of a machine file.")]),
       make("div", { class: "buttons" }, machine, ...results),
       ...this.guard(words.bounds),
       make("h2", {}, "Exports"),

@@ -19,10 +19,11 @@ from feeddrive.plot.chart import Chart
 from feeddrive.studio.jobs import Found, Job, JobState
 from feeddrive.studio.live import Followable
 from feeddrive.tuning.criteria import Limits
-from feeddrive.tuning.filters import difference
+from feeddrive.tuning.filters import difference, with_filters
 from feeddrive.workflow.adjust import AdjustRequest, adjusting
 
 if TYPE_CHECKING:
+    from feeddrive.blocks.families import Filter
     from feeddrive.files.machine import MachineFile
     from feeddrive.loop.control import Control
     from feeddrive.studio.bench import Bench
@@ -75,6 +76,13 @@ class Asked:
         if not math.isfinite(value):
             raise ParameterError(f"{name} must be a finite number, not {entry!r:.60}")
         return value
+
+    def whole(self, name: str) -> int:
+        """Return a parameter that is a whole number."""
+        value = self.number(name)
+        if value != int(value):
+            raise ParameterError(f"{name} must be a whole number, not {value!r}")
+        return int(value)
 
     def yes(self, name: str, usual: bool = False) -> bool:
         """Return a Boolean parameter; `usual` is its default."""
@@ -189,12 +197,14 @@ class Held:
 
     bench          bench with the blocks of the controller
     base, written  machine file into which the controller is written, and the controller now in that file
+    off            filters that are switched off
     """
 
     bench: Bench
     values: Values
     base: str | Path
     written: Control
+    off: tuple[Filter, ...] = ()
 
     @property
     def control(self) -> Control:
@@ -203,7 +213,7 @@ class Held:
 
     def same(self, other: Held) -> bool:
         """Return True if blocks and parameters are identical."""
-        return self.bench.by_hand is other.bench.by_hand and self.values == other.values
+        return self.bench.by_hand is other.bench.by_hand and (self.values, self.off) == (other.values, other.off)
 
 
 class Desk:
@@ -216,6 +226,7 @@ class Desk:
     epoch     number of sources opened so far
     base      machine file into which the current controller is written
     written   controller in that file
+    off       filters that were taken out of the loop, and may be put back
     limits    limits by which the loop is judged, as set in the tab Goal
     programs  uploaded part programs by name
     live      sources that may be followed while they are recorded
@@ -241,6 +252,7 @@ class Desk:
         self.epoch = 0
         self.base: str | Path = ""
         self.written: Control | None = None
+        self.off: tuple[Filter, ...] = ()
         self.values: Values = {}
         self.limits = Limits()
         self.programs: dict[str, Path] = {}
@@ -266,6 +278,7 @@ class Desk:
         self.check_free()
         self.bench, self.epoch = bench, self.epoch + 1
         self.values, self.base, self.written = bench.by_hand.values, bench.file, bench.before.start
+        self.off = ()
         self.undo, self.redo = [], []
         self._begins = True
         self.changed()
@@ -313,6 +326,35 @@ class Desk:
                 return
         self.base, self.written = self._kept(bench), control
 
+    def switch(self, place: int, *, on: bool) -> None:
+        """Put a filter that is off, by its index, back into the loop as the last one, or take one out of the loop.
+
+        Raises ParameterError for a filter that does not exist.
+        """
+        control = self.control
+        there = self.off if on else control.filters
+        if not 0 <= place < len(there):
+            raise ParameterError(f"there is no filter {place + 1} that is {'off' if on else 'on'}")
+        if on:
+            left = (*self.off[:place], *self.off[place + 1 :])
+            self.exchange(with_filters(control, (), (there[place],)))
+        else:
+            left = (*self.off, there[place])
+            self.exchange(with_filters(control, (place,), ()))
+        # after the exchange, which remembers the filters that were off before it
+        self.off = left
+
+    def forget(self, place: int) -> None:
+        """Remove a filter that is off, by its index; this is one undo step.
+
+        Raises ParameterError for an unknown one.
+        """
+        if not 0 <= place < len(self.off):
+            raise ParameterError(f"there is no filter {place + 1} that is off")
+        self._remember()
+        self.off = (*self.off[:place], *self.off[place + 1 :])
+        self._begins = True
+
     def _kept(self, bench: Bench) -> str | Path:
         """Write the controller to a new machine file, which later steps read, and return the path of this file."""
         if bench.machine is None:
@@ -332,7 +374,7 @@ class Desk:
     def held(self) -> Held:
         """Return a snapshot of the current controller."""
         bench = self.needed
-        return Held(bench, dict(self.values), self.base, self.written or bench.before.start)
+        return Held(bench, dict(self.values), self.base, self.written or bench.before.start, self.off)
 
     def said_of(self, held: Held, words: Mapping[str, Any]) -> dict[str, Any]:
         """Return the data of a result, with a remark if it belongs to a controller other than the current one."""
@@ -396,7 +438,7 @@ class Desk:
 
     def _become(self, held: Held) -> None:
         self.bench, self.values, self.base = held.bench, dict(held.values), held.base
-        self.written = held.written
+        self.written, self.off = held.written, held.off
         self._begins = True
 
     def did(self, command: str, request: Request, control: Control | None = None) -> None:

@@ -17,7 +17,7 @@ from feeddrive.language.units import rounded
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.simulate import Run
-from feeddrive.plot.chart import Band, Chart, Curve, Disc, Mark, Note
+from feeddrive.plot.chart import BAR, DEGREES, Band, Chart, Curve, Disc, Level, Mark, Note, Panel
 from feeddrive.plot.complex_plane import damping_chart, nyquist_chart, plane_chart
 from feeddrive.plot.over_frequency import open_loop_chart, overlay_chart, sensitivity_chart, stiffness_chart
 from feeddrive.plot.over_time import moves_chart, snap_chart, step_response_chart
@@ -184,9 +184,9 @@ def _distance(poles: Sequence[LoopPole], s: complex) -> float:
 
 
 Thing = TypeVar("Thing", Curve, Mark, Disc, Note, Band)
-# `found` and `best so far` are never drawn together, so they may share a color, as the worst plant may with a letter
 WORST = "found, worst plant"
-NUMBERS = {"today": 0, "now": 1, "A": 2, "B": 3, "C": 4, "found": 5, "best so far": 5, WORST: 2}
+# from 100 on: colors, dashes and marks that the page keeps for these names, whatever other curves there are
+NUMBERS = {"today": 100, "now": 101, "A": 102, "B": 103, "C": 104, "found": 105, "best so far": 105, WORST: 106}
 _NO_MACHINE = "needs a machine file: a measured response alone has no poles, no friction and moves no axis"
 
 
@@ -219,8 +219,62 @@ class View:
         return {name: value for name, value in available.items() if value is not None}
 
 
+_BRANCH = -180.0  # deg: the phase is drawn within a half turn around it
+_NEAR_BRANCH = 90.0  # deg to both sides of it that are in view before somebody zooms
+
+
 def _open_loop(view: View) -> Chart:
-    return open_loop_chart({name: figures.margins for name, figures in view.leading.items()}, view.units)
+    margins_by_name = {name: figures.margins for name, figures in view.leading.items()}
+    return wrapped(open_loop_chart(margins_by_name, view.units))
+
+
+def wrapped(chart: Chart) -> Chart:
+    """Return a chart of open loops with the phase within -360 to 0 degrees, in view from -270 to -90 degrees.
+
+    The phase margin is read at -180 degrees; a dead time alone takes the phase to -1000 degrees at high frequencies.
+    A curve is interrupted where it passes from -360 to 0 degrees.
+    """
+
+    def on_branch(panel: Panel) -> Panel:
+        if panel.scale != DEGREES:
+            return panel
+        return replace(
+            panel,
+            curves=tuple(_curve_on_branch(curve) for curve in panel.curves),
+            bands=tuple(_band_on_branch(band) for band in panel.bands),
+            marks=tuple(replace(mark, y=float(mark.y + _turns(mark.y))) for mark in panel.marks),
+            levels=(Level(_BRANCH),),
+            low=_BRANCH - _NEAR_BRANCH,
+            high=_BRANCH + _NEAR_BRANCH,
+        )
+
+    return replace(chart, panels=tuple(map(on_branch, chart.panels)))
+
+
+def _turns(phase: float | np.ndarray) -> np.ndarray:
+    """Return the whole turns in degrees that take a phase to the half turn around -180 degrees."""
+    return -360.0 * np.round((np.asarray(phase) - _BRANCH) / 360.0)
+
+
+def _curve_on_branch(curve: Curve) -> Curve:
+    if curve.look == BAR:
+        # the two ends of a bar stay together: from the curve to its nearest -180 degrees
+        return replace(curve, y=curve.y + _turns(float(np.nanmean(curve.y))))
+    turns = _turns(curve.y)
+    breaks = np.flatnonzero(np.diff(turns) != 0.0) + 1
+    x, y = (np.insert(values, breaks, np.nan) for values in (curve.x, curve.y + turns))
+    return replace(curve, x=np.where(np.isnan(x), np.insert(curve.x, breaks, curve.x[breaks]), x), y=y)
+
+
+def _band_on_branch(band: Band) -> Band:
+    turns = _turns(0.5 * (band.low + band.high))
+    # the shading of a low coherence covers the whole height, whatever the branch
+    whole = band.high - band.low > 1e3
+    turns = np.where(whole, 0.0, turns)
+    breaks = np.flatnonzero(np.diff(turns) != 0.0) + 1
+    x = np.insert(band.x, breaks, band.x[breaks])
+    low, high = (np.insert(values + turns, breaks, np.nan) for values in (band.low, band.high))
+    return replace(band, x=x, low=low, high=high)
 
 
 def _nyquist(view: View) -> Chart:
@@ -291,9 +345,9 @@ PICTURES: Mapping[str, Kind] = {
     "nyquist": Kind("Nyquist", _nyquist, usual=True),
     "stiffness": Kind("Dynamic stiffness", _stiffness, usual=True),
     "sensitivity": Kind("Sensitivity", _sensitivity, usual=True),
-    "run": Kind("Move, then a force on the table", _run, usual=True, of_machine=True),
+    "run": Kind("Following error", _run, usual=True, of_machine=True),
     "step": Kind("Step of the set position", _step, of_machine=True),
-    "snap": Kind("Rope snap: a force that is released", _snap, of_machine=True),
+    "snap": Kind("Rope snap: load released at once", _snap, of_machine=True),
     "poles": Kind("Poles and zeros of the closed loop", _poles, of_machine=True),
     "damping": Kind("Damping of the poles", _damping, of_machine=True),
     "response": Kind("Response of the axis, measured and model", _response),

@@ -103,7 +103,7 @@ def _mark(mark: Mark) -> dict[str, Any]:
 
 
 def _level(level: Level) -> dict[str, Any]:
-    return {name: getattr(level, name) for name in ("value", "text", "upright", "dashed", "faint")}
+    return {name: getattr(level, name) for name in ("value", "text", "upright", "dashed", "faint", "number")}
 
 
 def _curve(

@@ -104,6 +104,12 @@ class Limits:
         """Return one limit as a clause."""
         return Text(f"{limit.text} at {self._readings()}") if limit.declared.noise else limit.text
 
+    def bound_text(self, limit: Limit) -> Text:
+        """Return the bound of a limit as words that follow its figure: `at most 2`."""
+        word = "at least" if limit.figure.higher else "at most"
+        noise = f" at {self._readings()}" if limit.declared.noise else ""
+        return Text(f"{word} {Quantity(limit.bound, limit.figure.unit)}{noise}")
+
     def _readings(self) -> str:
         motor, load = (Quantity(noise, "m", form="nm") for noise in self.reading_noise)
         return f"{motor} of white noise in the readings" if motor == load else f"{motor} (motor) and {load} (load)"

@@ -21,7 +21,7 @@ from feeddrive.blocks.filter.second_order import SecondOrder
 from feeddrive.language import tree
 from feeddrive.language.block import Block, declarations
 from feeddrive.language.errors import ParameterError, nearest
-from feeddrive.language.quantity import Quantity, number
+from feeddrive.language.quantity import Quantity, Units, number
 from feeddrive.language.recent import Recent
 from feeddrive.language.text import Text
 from feeddrive.language.units import rounded
@@ -51,6 +51,13 @@ def filter_kinds() -> tuple[str, ...]:
 def written_filter(block: Filter) -> str:
     """Return a filter in command-line syntax: notch:frequency=164.0,damping_zero=0.05,damping_pole=0.5."""
     return f"{block.kind}:{','.join(f'{name}={value!r}' for name, value in tree.leaves(block))}"
+
+
+def filter_text(block: Filter, units: Units) -> str:
+    """Return the kind of a filter with its frequencies, in the given display units: `notch 456 Hz`."""
+    values = (getattr(block, name) for name in _frequencies(block))
+    frequencies = ", ".join(units.value_text(float(value), "Hz") for value in values)
+    return f"{block.kind.replace('_', ' ')} {frequencies}".strip()
 
 
 def read_filter(text: str) -> Filter:

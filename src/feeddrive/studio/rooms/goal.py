@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from feeddrive.blocks.catalogue import members
+from feeddrive.blocks.families import Law
 from feeddrive.figures.catalogue import goals, limitable
 from feeddrive.figures.figure import Figure
 from feeddrive.figures.of_loops import COMPLIANCE_PEAK, SENSITIVITY_PEAK
@@ -47,10 +49,33 @@ _NO_INTEGRAL = (
     "the current control has no integral action, which the goal rope-snap needs: write cascade_ppi into the field law, "
     "so that the search begins with one, or take the goal stiffness"
 )
-_OFFERED = {"box": BOXES}  # words among which the page lets choose, beside a text of one's own
+# label and explanation of each field on the page; a limit of a package has those of its declaration
+_WORDS: Mapping[str, tuple[str, str]] = {
+    "goal": ("Goal", "what the search makes as good as it can within the limits"),
+    "max_ms": ("Largest Ms", "peak of the sensitivity: 2 is usual, less is more robust"),
+    "gain_margin": ("Least gain margin", "by how much the gain may rise before the loop oscillates"),
+    "phase_margin": ("Least phase margin", "distance to -180° at each crossover"),
+    "delay_margin": ("Least delay margin", "dead time that may be added"),
+    "small_gain_delay": ("Least small-gain delay", "added dead time that the small-gain theorem admits"),
+    "max_compliance": ("Largest compliance", "inverse of the least dynamic stiffness"),
+    "max_noise": ("Largest force noise", "RMS of the force that noise of the encoders causes"),
+    "box": ("Plants to hold for", "auto, standard, none, or tolerances as stiffness=0.2,mass=0.3"),
+    "reading_noise": ("Encoder noise", "RMS of white noise in the positions that are read"),
+    "band": ("Frequency range", "of the stiffness, as 1..30 in Hz"),
+    "filters": ("Filters", "kept, free (tuned too), or placed (notches added where they pay)"),
+    "law": ("Control law", "empty for the present one, or another one by its name"),
+    "starts": ("Attempts", "searches from different starts; the best one counts"),
+}
 _FAR = 20.0  # dB above the curves, within which the picture reaches up to the limit
 _TODAY, _NOW, _BEST, _FOUND = "today", "now", "best so far", "found"
 FIELDS: Mapping[str, Field] = {field.name: field for field in fields_of(TuneRequest) if field.name in _SHOWN}
+
+
+def _offered(name: str) -> tuple[str, ...]:
+    """Return words among which the page lets choose in a field, beside a text of one's own."""
+    if name == "law":
+        return tuple(members(Law))  # type: ignore[type-abstract]
+    return {"box": BOXES, "filters": ("kept", "free", "placed")}.get(name, ())
 
 
 class Goal(Room):
@@ -137,7 +162,7 @@ class Goal(Room):
     def accept(self, _: Asked) -> Said:
         """Make the result the current controller, or after a canceled search the best controller found."""
         if self.best is None:
-            raise ParameterError("nothing was found yet: press Tune first")
+            raise ParameterError("nothing was found yet: press Start first")
         self.desk.take(self._best() or self.best, self._written())
         self.begin()
         answer = self.show()
@@ -231,13 +256,14 @@ class Goal(Room):
         if isinstance(value, float):
             shown = number(value / field.factor, 6)
         declared = field.declared.of_axis(self.desk.bench is not None and self.desk.bench.rotary)
+        label, meaning = _WORDS.get(field.name, (field.flag.removeprefix("--").replace("-", " "), declared.meaning))
         return {
             "name": field.name,
-            "label": field.flag.removeprefix("--").replace("-", " "),
-            "meaning": declared.meaning,
+            "label": label,
+            "meaning": meaning,
             "unit": declared.unit if field.kind is float else "",
             "options": list(declared.options or ()),
-            "offered": list(_OFFERED.get(field.name, ())),
+            "offered": list(_offered(field.name)),
             "value": shown,
         }
 

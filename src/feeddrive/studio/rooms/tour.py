@@ -56,15 +56,15 @@ STEPS = (
     Step(
         "Today's control",
         "The sentence above the pictures says that Ms, the peak of the sensitivity, breaks its limit with this "
-        "workpiece; drag a slider, see all pictures follow, and press Undo. Then open Tune by goal.",
+        "workpiece; drag a slider, see all pictures follow, and press Undo. Then open Optimize.",
         "tune",
         ("tab-goal",),
         act="goal.show",
     ),
     Step(
         "A goal",
-        "So that the axis does not become softer, write 0.16 into max compliance, or drag the line of the dynamic "
-        "stiffness up to about 6.25 N/um. Then press Tune, and watch the search.",
+        "So that the axis does not become softer, write 0.16 into Largest compliance, or drag the line of the dynamic "
+        "stiffness up to about 6.25 N/um. Then press Start, and watch the search.",
         "goal",
         ("goal-field-max_compliance", "tune-start"),
         command="tune",
@@ -72,7 +72,7 @@ STEPS = (
     Step(
         "What was found",
         "The sentence below the buttons says what gets worse first, and each picture has today's control beside what "
-        "was found. Press Accept to go on with it.",
+        "was found. Press Use result to go on with it.",
         "goal",
         ("goal-accept",),
         act="goal.accept",
@@ -87,14 +87,14 @@ STEPS = (
     ),
     Step(
         "A proof",
-        "A certificate proves the loop stable for each plant in a disc around the model. Press Certify.",
+        "A certificate proves the loop stable for each plant in a disc around the model. Press Prove stability.",
         "prove",
         ("prove-certify",),
         command="certify",
     ),
     Step(
         "What is proven",
-        "Read below the pictures what was proven, and what is outside of it. Then open Take away.",
+        "Read below the pictures what was proven, and what is outside of it. Then open Export.",
         "prove",
         ("tab-take",),
         act="take.show",

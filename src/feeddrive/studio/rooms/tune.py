@@ -10,16 +10,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from feeddrive.analysis.margins import Margins
-from feeddrive.figures.of_loops import COMPLIANCE_PEAK, GAIN_MARGIN, SENSITIVITY_PEAK
+from feeddrive.figures.of_loops import COMPLIANCE_PEAK, GAIN_MARGIN, PHASE_MARGIN, SENSITIVITY_PEAK
 from feeddrive.language.errors import FeeddriveError, ParameterError
-from feeddrive.language.quantity import CHOICES, DRAWN, Quantity, Units
+from feeddrive.language.quantity import CHOICES, DRAWN, Quantity, Units, number
 from feeddrive.language.text import joined, resolve
 from feeddrive.language.tree import check_sampled
 from feeddrive.language.units import rounded, turning
 from feeddrive.loop.control import Control
-from feeddrive.plot.chart import ALERT, Chart, Level, Mark, Note
+from feeddrive.plot.chart import ALERT, FREQUENCY, LOG, Band, Chart, Disc, Level, Mark, Note
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, Values, act
+from feeddrive.studio.history import steps
 from feeddrive.studio.pictures import PICTURES, USUAL, HeldPoles, Parts, charts, choices
+from feeddrive.studio.strip import strip, verdict_line
 from feeddrive.tuning import filters
 from feeddrive.tuning.by_hand import ByHand, Look, Verdict
 from feeddrive.tuning.criteria import Limits
@@ -58,18 +60,31 @@ def figure_words(look: Look, units: Units) -> str:
 
 
 def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units: Units) -> dict[str, Chart]:
-    """Add the limits of Ms and stiffness to the pictures as lines, and mark violated limits."""
-    charts, lines = dict(drawn), dict[str, Level]()
-    if (peak := limits.limit(SENSITIVITY_PEAK)) is not None:
-        lines["sensitivity"] = Level(_gain(units, peak.bound), peak.text.shown(units), dashed=True)
-    if (largest := limits.bound(COMPLIANCE_PEAK)) is not None:
-        text = f"stiffness >= {units.value_text(1.0 / largest, 'N/m')}"
-        least = units.of("N/m")[1] / largest
-        lines["stiffness"] = Level(least, resolve(text, units), dashed=True)
-    for name, line in lines.items():
-        if name in charts:
-            first, *rest = charts[name].panels
-            charts[name] = replace(charts[name], panels=(replace(first, levels=(*first.levels, line)), *rest))
+    """Add the limits of Ms, stiffness and phase margin to the pictures, and mark violated limits.
+
+    A limit is a line with its words; the forbidden side of it is tinted.
+    """
+    charts = dict(drawn)
+    if (peak := limits.limit(SENSITIVITY_PEAK)) is not None and "sensitivity" in charts:
+        at = _gain(units, peak.bound)
+        line = Level(at, f"Ms at most {number(peak.bound, 3)}", number=ALERT)
+        first, *rest = charts["sensitivity"].panels
+        highest = max(float(np.nanmax(curve.y)) for curve in first.curves)
+        ends = _gain(units, _SMALLEST), max(_gain(units, _ROOM * peak.bound), highest + 0.1 * abs(highest))
+        first = replace(first, low=ends[0], high=ends[1])
+        chart = replace(charts["sensitivity"], panels=(first, *rest))
+        charts["sensitivity"] = _limited(chart, 0, line, at, _FAR)
+    if (peak := limits.limit(SENSITIVITY_PEAK)) is not None and "nyquist" in charts:
+        panel = charts["nyquist"].panels[0]
+        disc = Disc(-1.0, 0.0, 1.0 / peak.bound, ALERT, filled=True)
+        charts["nyquist"] = replace(charts["nyquist"], panels=(replace(panel, discs=(*panel.discs, disc)),))
+    if (largest := limits.bound(COMPLIANCE_PEAK)) is not None and "stiffness" in charts:
+        at = units.of("N/m")[1] / largest
+        text = resolve(f"at least {units.value_text(1.0 / largest, 'N/m')}", units)
+        charts["stiffness"] = _limited(charts["stiffness"], 0, Level(at, text, number=ALERT), 0.0, at)
+    if (phase := limits.bound(PHASE_MARGIN)) is not None and "open_loop" in charts:
+        chart, text = charts["open_loop"], f"closer than {number(phase, 3)}° to -180°"
+        charts["open_loop"] = _limited(chart, 1, Level(-180.0, text), -180.0 - phase, phase - 180.0)
     for verdict in look.judged if look.stable else ():
         place = _place(verdict, units)
         if not verdict.keeps and place is not None and place[0] in charts and verdict.point == look.leading.point:
@@ -80,6 +95,22 @@ def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units:
             first = replace(first, notes=(*first.notes, note), marks=(*first.marks, mark))
             charts[name] = replace(charts[name], panels=(first, *rest))
     return charts
+
+
+_FAR = 1e4  # beyond all panels
+_SMALLEST, _ROOM = 0.01, 2.0  # of |S|: what is in view at first, and of the limit of Ms above it
+
+
+def _limited(chart: Chart, i: int, line: Level, low: float, high: float) -> Chart:
+    """Add the line of a limit to a panel, and tint the side from low to high that it forbids."""
+    panel = chart.panels[i]
+    x = np.concatenate([curve.x[np.isfinite(curve.x)][[0, -1]] for curve in panel.curves if curve.name or i])
+    ends = np.array([np.min(x), np.max(x)])
+    # a logarithmic axis has no 0
+    low = max(low, 1e-9) if panel.scale == LOG else low
+    band = Band(ends, np.full(2, low), np.full(2, high), ALERT)
+    panel = replace(panel, levels=(*panel.levels, line), bands=(band, *panel.bands))
+    return replace(chart, panels=(*chart.panels[:i], panel, *chart.panels[i + 1 :]))
 
 
 def _gain(units: Units, ratio: float) -> float:
@@ -106,9 +137,14 @@ def _place(verdict: Verdict, units: Units) -> tuple[str, float, float] | None:
 
 TODAY, NOW = "today", "now"
 SNAPSHOTS = ("A", "B", "C")
+_BELOW, _ABOVE = 16.0, 25.0  # times the crossover of today: what the pictures over the frequency show at first
+_SEEN = 40.0  # dB: a larger gain margin limits no gain
+_SLOWER = np.geomspace(1.0, 0.1, 25)[1:]  # of the crossover: where a loop that keeps all limits is looked for
+_OF_LOOPS = ("open_loop", "sensitivity", "stiffness")
 _REACH = 10.0  # times the crossover of today: the slider of the loop as a whole
 # keys that are held, and turns of the wheel, arrive as one request with many steps
 _STEPS = 100
+_MOST_STEPS = 200  # of the history at once
 # simulates the run on a second core while the loop is evaluated
 _BESIDE = ThreadPoolExecutor(thread_name_prefix="run")
 
@@ -221,10 +257,7 @@ class Tune(Room):
     @act
     def remove(self, asked: Asked) -> Said:
         """Remove a filter, by its index."""
-        place = asked.number("place")
-        if place != int(place):
-            raise ParameterError(f"place must be a whole number, not {place!r}")
-        self.desk.exchange(filters.with_filters(self.desk.control, (int(place),), ()))
+        self.desk.exchange(filters.with_filters(self.desk.control, (asked.whole("place"),), ()))
         return self._pictures()
 
     @act
@@ -290,6 +323,49 @@ class Tune(Room):
         return self._pictures()
 
     @act
+    def go(self, asked: Asked) -> Said:
+        """Undo several steps, or redo them if the count is negative: to a place in the history."""
+        count = asked.whole("steps")
+        if abs(count) > _MOST_STEPS:
+            raise ParameterError(f"steps must be from -{_MOST_STEPS} to {_MOST_STEPS}, not {count}")
+        for _ in range(abs(count)):
+            (self.desk.back if count > 0 else self.desk.again)()
+        return self._pictures()
+
+    @act
+    def switch(self, asked: Asked) -> Said:
+        """Take a filter out of the loop, or put one that was taken out back as the last filter; its numbers stay."""
+        self.desk.switch(asked.whole("place"), on=asked.yes("on"))
+        return self._pictures()
+
+    @act
+    def forget(self, asked: Asked) -> Said:
+        """Remove a filter that was switched off."""
+        self.desk.forget(asked.whole("place"))
+        return self._pictures()
+
+    @act
+    def remedy(self, _: Asked) -> Said:
+        """Look for the highest crossover, slower than the present one, at which the loop keeps all limits."""
+        control, crossover = self.desk.control, self._now.leading.margins.crossover
+        if crossover is None or not speed_powers(control) or self._keeps(self.desk.values):
+            return Said({"remedy": None})
+        low = speed_range(control, self._sample_time)[0]
+        for factor in _SLOWER[low < _SLOWER]:
+            wanted = rounded(float(factor) * crossover, 3)
+            scaled = quickened(control, wanted / crossover)
+            if self._keeps({**self.desk.values, **{name: rounded(value, 7) for name, value in scaled.items()}}):
+                text = resolve(
+                    f"With a crossover of {self.units.value_text(wanted, 'Hz')} all limits are kept.", self.units
+                )
+                return Said({"remedy": {"crossover": wanted, "text": text}})
+        return Said({"remedy": None})
+
+    def _keeps(self, values: Values) -> bool:
+        look = self.desk.needed.by_hand.at(values, self.desk.limits)
+        return look.stable and all(each.keeps for each in look.judged)
+
+    @act
     def keep(self, asked: Asked) -> Said:
         """Store the current controller under a letter."""
         self.snapshots[asked.choice("letter", SNAPSHOTS)] = self.desk.held()
@@ -335,9 +411,15 @@ class Tune(Room):
         looks, parts = ({name: getattr(entry, what) for name, entry in seen.items()} for what in ("look", "parts"))
         drawn = charts(bench, looks, parts, self.chosen, self.units)
         units = replace(self.units, rotary=bench.rotary)
-        drawn = with_verdicts(drawn, now, limits, units)
+        drawn = self._around_crossover(with_verdicts(drawn, now, limits, units), seen[TODAY].look)
         margins = now.leading.margins
+        headline, sentence = verdict_line(now, limits, units)
         answer = {
+            "strip": strip(now, seen[TODAY].look, limits, units),
+            "headline": headline,
+            "sentence": sentence,
+            "history": steps(self.desk, units),
+            "off": [filters.filter_text(block, units) for block in self.desk.off],
             "judged": verdict_words(now, limits, units),
             "figures": figure_words(now, units),
             "grips": self._grips(margins),
@@ -364,6 +446,28 @@ class Tune(Room):
             }
             self._told = bench.by_hand
         return Said(answer, drawn)
+
+    def _around_crossover(self, drawn: Mapping[str, Chart], today: Look) -> dict[str, Chart]:
+        """Let the pictures over the frequency begin with the part around the crossover of today."""
+        crossover = today.leading.margins.crossover
+        if crossover is None or not today.leading.stable:
+            return dict(drawn)
+        factor = self.units.of("Hz")[1]
+        # and as far as a resonance could limit the gain
+        margins = [each.frequency for each in today.leading.margins.phase_crossovers if each.gain_margin_dB < _SEEN]
+        lowest, highest = crossover / _BELOW, max(_ABOVE * crossover, 2.0 * max(margins, default=0.0))
+
+        def near(name: str, chart: Chart) -> Chart:
+            if name not in _OF_LOOPS or chart.scale != FREQUENCY or chart.low is None or chart.high is None:
+                return chart
+            panels = chart.panels
+            if name == "open_loop":
+                # the gain follows what is in view
+                panels = (replace(panels[0], low=None, high=None), *panels[1:])
+            low, high = max(chart.low, factor * lowest), min(chart.high, factor * highest)
+            return replace(chart, panels=panels, low=low, high=high)
+
+        return {name: near(name, chart) for name, chart in drawn.items()}
 
     def _look(self, name: str, by_hand: ByHand, values: Values) -> _Seen:
         known, limits = self._seen.get(name), self.desk.limits
@@ -413,6 +517,7 @@ class Tune(Room):
     def _knobs(self) -> list[dict[str, Any]]:
         """Return the data of each parameter for the page, in the displayed units."""
         bench, rows = self.desk.needed, list[dict[str, Any]]()
+        law = self.desk.control.law
         units = replace(self.units, rotary=bench.rotary)
         for knob in bench.by_hand.knobs:
             declared = knob.declared.of_axis(bench.rotary)
@@ -422,6 +527,7 @@ class Tune(Room):
                 {
                     "name": knob.name,
                     "block": knob.block,
+                    "title": law.title if knob.block == law.kind and law.title else knob.block.replace("_", " "),
                     "unit": unit,
                     "factor": factor,
                     "low": knob.low,

@@ -1,0 +1,169 @@
+"""The strip of figures, the verdict, the history and the filters that are off, beside figures of the library."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import feeddrive as fd
+from feeddrive.analysis.loop_model import loop_model
+from feeddrive.plot.chart import BAR, DEGREES
+from feeddrive.plot.over_frequency import open_loop_chart
+from feeddrive.studio.bench import Bench, bench_of
+from feeddrive.studio.desk import Asked, Desk
+from feeddrive.studio.pictures import wrapped
+from feeddrive.studio.rooms.tune import Tune
+from feeddrive.tuning.criteria import Limits
+
+_DIGITS = 6e-3  # half a unit of the third digit, which is the last one shown
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    return bench_of("ball_screw")
+
+
+@pytest.fixture
+def room(bench: Bench, tmp_path: Path) -> Tune:
+    desk = Desk(tmp_path)
+    desk.put(bench)
+    return Tune(desk)
+
+
+def ask(room: Tune, act: str, **asked: Any) -> dict[str, Any]:
+    return dict(room.do(act, Asked(asked)).words)
+
+
+def gauges(words: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {each["title"]: each for each in words["strip"]}
+
+
+def test_the_strip_has_the_figures_of_the_loop(room: Tune) -> None:
+    words = ask(room, "move", name="law.Kp", value=81000.0)
+    loop = fd.vary(fd.read_machine("ball_screw").loop("x"), {"axis.x.control.law.Kp": 81000.0})
+    margins, shown = fd.analysis.margins(loop), gauges(words)
+    stiff = fd.analysis.stiffness(
+        loop_model(loop).closed.response(np.geomspace(1.0, 9000.0, 40_000), "position_load", "load_force")
+    )
+    expected = {
+        "Ms": margins.sensitivity_peak,
+        "Phase margin": margins.phase_margin_deg,
+        "Gain margin": margins.gain_increase_dB,
+        "Delay margin": margins.delay_margin_samples,
+        "Crossover": margins.crossover,
+        "Least stiffness": 1e-6 * stiff.minimum,
+    }
+    for title, value in expected.items():
+        assert float(shown[title]["value"]) == pytest.approx(value, rel=_DIGITS), title
+    today = fd.analysis.margins(fd.read_machine("ball_screw").loop("x"))
+    assert float(shown["Ms"]["today"]) == pytest.approx(today.sensitivity_peak, rel=_DIGITS)
+
+
+@pytest.mark.parametrize(("factor", "state"), [(1.2, "kept"), (1.02, "close"), (0.9, "broken")])
+def test_a_limit_is_kept_nearly_used_up_or_broken(room: Tune, factor: float, state: str) -> None:
+    peak = float(gauges(ask(room, "show"))["Ms"]["value"])
+    room.desk.limits = Limits(sensitivity_peak=factor * peak)
+    shown = gauges(ask(room, "show"))
+    assert shown["Ms"]["state"] == state
+    assert shown["Ms"]["used"] == pytest.approx(min(1.0 / factor, 1.0), rel=_DIGITS)
+    assert shown["Phase margin"]["state"] == "free"
+    assert shown["Phase margin"]["limit"] == ""
+
+
+def test_the_verdict_says_which_limit_decides(room: Tune) -> None:
+    room.desk.limits = Limits(sensitivity_peak=2.5)
+    words = ask(room, "show")
+    assert (words["headline"], words["sentence"]) == ("All limits kept", "Ms is 1.95 at 88.7 Hz, at most 2.5.")
+    room.desk.limits = Limits(sensitivity_peak=1.5, phase_margin_deg=60.0, gain_margin_dB=3.0)
+    words = ask(room, "show")
+    assert words["headline"] == "Not yet: two limits are broken"
+    words = ask(room, "move", name="law.Kp", value=2e6)
+    assert words["headline"] == "Not stable"
+    assert all(each["value"] == "–" for each in words["strip"])
+    assert gauges(words)["Ms"]["state"] == "broken"
+
+
+def test_the_crossover_that_is_offered_keeps_all_limits_and_is_the_highest(room: Tune) -> None:
+    room.desk.limits = Limits(sensitivity_peak=1.7, phase_margin_deg=36.0)
+    ask(room, "move", name="law.Kp", value=95000.0)
+    found = ask(room, "remedy")["remedy"]
+    words = ask(room, "speed", value=found["crossover"], first=True)
+    assert words["headline"] == "All limits kept"
+    assert ask(room, "remedy")["remedy"] is None
+    ask(room, "undo")
+    # one step of the search higher, 10.07 %, and rounded to three digits
+    assert ask(room, "speed", value=1.105 * found["crossover"], first=True)["headline"].startswith("Not yet")
+
+
+def test_the_history_says_each_step_and_leads_back(room: Tune) -> None:
+    ask(room, "move", name="law.Kv", value=120.0)
+    ask(room, "move", name="law.Kp", value=76000.0)
+    words = ask(room, "add", kind="notch", at=250.0)
+    texts = [each["text"] for each in words["history"]]
+    assert texts == ["notch 250 Hz added", "Kp 68000 → 76000 N s/m", "Kv 100 → 120 1/s", "Beginning"]
+    assert [each["steps"] for each in words["history"]] == [0, 1, 2, 3]
+    words = ask(room, "go", steps=2)
+    assert words["values"]["law.Kp"] == 68000.0
+    assert words["values"]["law.Kv"] == 120.0
+    assert [each["steps"] for each in words["history"]] == [-2, -1, 0, 1]
+    words = ask(room, "go", steps=-2)
+    assert [each["text"] for each in words["history"]] == texts
+    with pytest.raises(fd.FeeddriveError, match="whole number"):
+        ask(room, "go", steps=0.5)
+    with pytest.raises(fd.FeeddriveError, match="from -200 to 200"):
+        ask(room, "go", steps=201)
+    assert ask(room, "go", steps=200)["history"][-1] == {"text": "Beginning", "steps": 0}
+
+
+def test_the_history_shows_the_last_twelve_steps(room: Tune) -> None:
+    for k in range(14):
+        ask(room, "move", name="law.Kv", value=101.0 + k)
+    words = ask(room, "show")
+    assert [each["steps"] for each in words["history"]] == list(range(12))
+    assert words["history"][-1]["text"] == "Kv 102 → 103 1/s"
+    assert [each["steps"] for each in ask(room, "go", steps=13)["history"]] == [*range(-12, 0), 0, 1]
+
+
+def test_a_filter_that_is_off_keeps_its_numbers_and_comes_back(room: Tune) -> None:
+    begun = ask(room, "show")
+    notch = {name: value for name, value in begun["values"].items() if name.startswith("filters.0.")}
+    words = ask(room, "switch", place=0, on=False)
+    assert words["off"] == ["notch 460 Hz"]
+    assert len(room.desk.control.filters) == len(room.desk.needed.before.start.filters) - 1
+    assert words["history"][0]["text"] == "notch 460 Hz off"
+    words = ask(room, "switch", place=0, on=True)
+    assert words["off"] == []
+    last = len(room.desk.control.filters) - 1
+    assert {
+        name.replace(f"filters.{last}.", "filters.0."): value
+        for name, value in words["values"].items()
+        if name.startswith(f"filters.{last}.")
+    } == notch
+    # filters in another order: the same loop but for rounding
+    assert float(gauges(words)["Ms"]["value"]) == float(gauges(begun)["Ms"]["value"])
+    ask(room, "switch", place=0, on=False)
+    assert ask(room, "forget", place=0)["off"] == []
+    assert ask(room, "undo")["off"] != []
+    with pytest.raises(fd.FeeddriveError, match="no filter 8 that is on"):
+        ask(room, "switch", place=7, on=False)
+
+
+def test_the_phase_is_drawn_around_the_half_turn(bench: Bench) -> None:
+    margins = fd.analysis.margins(fd.read_machine("ball_screw").loop("x"))
+    before, after = open_loop_chart(margins), wrapped(open_loop_chart(margins))
+    whole, drawn = (next(panel for panel in chart.panels if panel.scale == DEGREES) for chart in (before, after))
+    assert min(float(np.min(curve.y)) for curve in whole.curves) < -360.0  # dead time
+    assert (drawn.low, drawn.high) == (-270.0, -90.0)
+    for one, two in zip(whole.curves, drawn.curves, strict=True):
+        there = np.isfinite(two.y)
+        assert np.all((two.y[there] >= -360.0) & (two.y[there] <= 0.0))
+        if one.look == BAR:
+            assert np.ptp(two.y) == pytest.approx(np.ptp(one.y), abs=1e-9)
+        else:
+            turns = (two.y[there] - one.y) / 360.0
+            np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
+            # it is interrupted wherever it passes from -360 to 0 degrees, and only there
+            assert np.count_nonzero(~there) == np.count_nonzero(np.diff(turns) != 0.0) > 0
