@@ -185,5 +185,5 @@ def test_options_that_no_comparison_has_are_refused() -> None:
     machine = read_machine("linear_motor")
     with pytest.raises(ParameterError, match="filters = 'placed' must be kept or free"):
         compare_laws(machine, filters="placed")
-    with pytest.raises(ParameterError, match="box 'wide': 'wide' is none of"):
+    with pytest.raises(ParameterError, match="box 'wide': 'wide' is no tolerance"):
         CompareRequest("linear_motor", box="wide")
