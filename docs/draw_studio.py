@@ -202,8 +202,8 @@ def prove(browser: Any, folder: Path) -> None:
         page.click("#tab-prove")
         page.click("#prove-circle", "#room-prove h2:has-text('Circle test')")
         page.take("studio_prove")
-        page.click("#prove-program", "#room-prove h2:has-text('Part program')")
-        page.see("#room-prove h2:has-text('Part program')")
+        page.click("#prove-program", "#room-prove h2:text-is('Part program')")
+        page.see("#room-prove h2:text-is('Part program')")
         page.take("studio_program")
 
 
