@@ -52,18 +52,15 @@ export function paint(
     ctx.stroke();
     if (!level.text) continue;
     ctx.textAlign = "left";
-    // words of a limit stand on the side that is forbidden, where no curve should be
-    if (level.upright) said(ctx, level.text, at + 4 * ratio, y.to + 12 * ratio, look.muted, look, ratio);
-    else
-      said(
-        ctx,
-        level.text,
-        x.from + 8 * ratio,
-        at + (at - y.to < 22 * ratio ? 14 : -6) * ratio,
-        limit ? look.alert : look.muted,
-        look,
-        ratio,
-      );
+    if (level.upright) {
+      said(ctx, level.text, at + 4 * ratio, y.to + 12 * ratio, look.muted, look, ratio);
+      continue;
+    }
+    // above the line at the left, or where there is no room below it at the right
+    const below = at - y.to < 16 * ratio;
+    if (below) ctx.textAlign = "right";
+    const place = [below ? x.to - 6 * ratio : x.from + 8 * ratio, at + (below ? 14 : -5) * ratio] as const;
+    said(ctx, level.text, ...place, limit ? look.alert : look.muted, look, ratio);
   }
   for (const each of panel.discs) disc(ctx, each, x, y, look, ratio);
   for (const each of panel.curves) curve(ctx, each, panel, numbers, x, y, look, ratio);

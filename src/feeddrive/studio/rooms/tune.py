@@ -98,7 +98,7 @@ def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units:
 
 
 _FAR = 1e4  # beyond all panels
-_SMALLEST, _ROOM = 0.01, 2.0  # of |S|: what is in view at first, and of the limit of Ms above it
+_SMALLEST, _ROOM = 0.01, 4.0  # of |S|: what is in view at first, and of the limit of Ms above it
 
 
 def _limited(chart: Chart, i: int, line: Level, low: float, high: float) -> Chart:
