@@ -64,7 +64,7 @@ export class Strip {
     gauges.forEach((gauge, i) => this.fill(this.element.children[i] as HTMLElement, gauge));
   }
 
-  // Where an editor of the limit of a figure opens, by its key.
+  // Put the cursor at the frequency that decides, and open the field of the limit below the figure.
   edit(gauge: Gauge): void {
     if (gauge.frequency !== null) this.point(gauge.frequency);
     if (!gauge.option) return;
