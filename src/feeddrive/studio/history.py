@@ -14,24 +14,28 @@ from feeddrive.tuning.filters import difference, filter_text
 SHOWN = 12  # steps back, and as many that were undone
 
 
-def steps(desk: Desk, units: Units) -> list[dict[str, Any]]:
-    """Return the last steps, those that were undone first, then the present one and those before it.
+class History:
+    """The steps of one page in words; those of steps that are done are kept, since a drag asks for all of them."""
 
-    text   what the step changed
-    steps  how many steps to undo to get there; negative: to redo
-    """
-    here, undone, done = desk.held(), desk.redo[-SHOWN:], desk.undo[-SHOWN:]
-    later = [here, *reversed(undone)]
-    rows = [
-        {"text": step_words(later[k], later[k + 1], units), "steps": -(k + 1)} for k in reversed(range(len(later) - 1))
-    ]
-    earlier = [*done, here]
-    rows += [
-        {"text": step_words(earlier[k], earlier[k + 1], units), "steps": len(earlier) - 2 - k}
-        for k in reversed(range(len(earlier) - 1))
-    ]
-    begun = {"text": "Beginning", "steps": len(done)} if len(desk.undo) <= SHOWN else None
-    return rows if begun is None else [*rows, begun]
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+        self._known: dict[tuple[Held, Held, Units], str] = {}
+
+    def steps(self, units: Units) -> list[dict[str, Any]]:
+        """Return the last steps, those that were undone first, then the present one and those before it.
+
+        text   what the step changed
+        steps  how many steps to undo to get there; negative: to redo
+        """
+        desk, here = self.desk, self.desk.held()
+        later, earlier = [here, *reversed(desk.redo[-SHOWN:])], [*desk.undo[-SHOWN:], here]
+        pairs = [(later[k], later[k + 1], -(k + 1)) for k in reversed(range(len(later) - 1))]
+        pairs += [(earlier[-k - 2], earlier[-k - 1], k) for k in range(len(earlier) - 1)]
+        words = {(before, after, units): self._known.get((before, after, units)) for before, after, _ in pairs}
+        told = {key: step_words(*key) if text is None else text for key, text in words.items()}
+        self._known = {key: text for key, text in told.items() if here not in key}
+        rows = [{"text": told[before, after, units], "steps": count} for before, after, count in pairs]
+        return [*rows, {"text": "Beginning", "steps": len(desk.undo)}] if len(desk.undo) <= SHOWN else rows
 
 
 def step_words(before: Held, after: Held, units: Units) -> str:

@@ -19,7 +19,7 @@ from feeddrive.language.units import rounded, turning
 from feeddrive.loop.control import Control
 from feeddrive.plot.chart import ALERT, FREQUENCY, LOG, Band, Chart, Disc, Level, Mark, Note
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, Values, act
-from feeddrive.studio.history import steps
+from feeddrive.studio.history import History
 from feeddrive.studio.pictures import PICTURES, USUAL, HeldPoles, Parts, charts, choices
 from feeddrive.studio.strip import strip, verdict_line
 from feeddrive.tuning import filters
@@ -174,6 +174,7 @@ class Tune(Room):
         self.snapshots: dict[str, Held] = {}
         self._seen: dict[str, _Seen] = {}
         self._poles = HeldPoles(self.desk)
+        self._history = History(self.desk)
         self._from: tuple[Control, Values, float] | None = None  # where a drag of the whole loop began
         self._told: ByHand | None = None  # whose numbers the page knows
 
@@ -418,7 +419,7 @@ class Tune(Room):
             "strip": strip(now, seen[TODAY].look, limits, units),
             "headline": headline,
             "sentence": sentence,
-            "history": steps(self.desk, units),
+            "history": self._history.steps(units),
             "off": [filters.filter_text(block, units) for block in self.desk.off],
             "judged": verdict_words(now, limits, units),
             "figures": figure_words(now, units),
