@@ -346,6 +346,11 @@ def test_the_clock_is_rounded_late_in_a_slow_motion() -> None:
     check_case(drawn_case(5421, 24))
 
 
+def test_a_run_that_has_begun_is_not_made_slower_from_its_beginning():
+    """The override falls to 4 % in the first 61 us, and the run meets the next one in a corner."""
+    check_case(drawn_case(999, 1131))
+
+
 @pytest.mark.slow(reason="six hundred drawn programs under drawn overrides: 240 s; the quick test has three")
 def test_every_sample_of_many_drawn_programs_under_drawn_overrides_holds() -> None:
     for number in range(600):

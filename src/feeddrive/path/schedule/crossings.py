@@ -136,10 +136,11 @@ class Crossings:
     allow.
 
     limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
+    begun   True if the motion has begun already, so that its first runs cannot be slower as a whole
     """
 
-    def __init__(self, limits: np.ndarray) -> None:
-        self._limits = np.ascontiguousarray(limits, float)
+    def __init__(self, limits: np.ndarray, begun: bool = False) -> None:
+        self._limits, self._begun = np.ascontiguousarray(limits, float), begun
         self._fixed: Part | None = None  # its end may overlap with the next
         self._open: _Run | None = None
 
@@ -232,7 +233,8 @@ class Crossings:
         """Return both runs slower as a whole, if with their overlap they take less time than `best`, which is returned
         otherwise.
         """
-        if not (_rests(one.part) and _rests(two.part)):
+        # a motion that has begun cannot be slower from its beginning
+        if self._begun or not (_rests(one.part) and _rests(two.part)):
             return best
         end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
         longest, whole = _longest(one, end, two, begin), _time(one.part.motion) + _time(two.part.motion)

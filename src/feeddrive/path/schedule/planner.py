@@ -57,7 +57,7 @@ class Planner:
     ) -> None:
         limits = limits_at(limits, factor)
         self._factor = factor
-        self._schedule, self._crossings = Schedule(limits, start=start), Crossings(limits)
+        self._schedule, self._crossings = Schedule(limits, start=start), Crossings(limits, start is not None)
         self._lifter = Lifter(limits, workers)
         self._lifter.hand = before
 
