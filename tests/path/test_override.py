@@ -185,7 +185,7 @@ def test_a_hold_that_ends_while_the_motion_brakes_is_no_standstill(program: Path
 
 def test_a_change_is_not_known_before_its_time(program: Path) -> None:
     """Up to it, all samples are those without it, to the bit."""
-    whole = moved(program, None).positions
+    whole = moved(program, override([])).positions
     for time, factor in ((0.437, 0.5), (0.65, 2.0), (1.4, 0.1)):
         found, count = moved(program, override([(time, factor)])).positions, int(1e3 * time)
         assert np.array_equal(found[:count], whole[:count])
@@ -259,8 +259,10 @@ def test_tips_and_angles_are_overridden_in_their_own_coordinates(tmp_path: Path)
     assert held.stop_reasons["feed hold"] == 2
 
 
-def test_at_100_percent_the_motion_is_that_without_an_override(program: Path) -> None:
-    assert np.array_equal(moved(program, override([])).positions, moved(program, None).positions)
+def test_at_100_percent_the_motion_lasts_as_long_as_without_an_override(program: Path) -> None:
+    """But for runs that may both be slower in a corner: one that may change after it has begun may not: 1.0 % here, and at most 2 %."""
+    with_it, without = (len(moved(program, steps).positions) for steps in (override([]), None))
+    assert without <= with_it <= 1.02 * without
 
 
 @pytest.mark.parametrize(
@@ -347,8 +349,9 @@ def test_the_clock_is_rounded_late_in_a_slow_motion() -> None:
 
 
 def test_a_run_that_has_begun_is_not_made_slower_from_its_beginning():
-    """The override falls to 4 % in the first 61 us, and the run meets the next one in a corner."""
+    """The override changes while a run goes on that meets the next one in a corner."""
     check_case(drawn_case(999, 1131))
+    check_case(drawn_case(120, 1132))
 
 
 @pytest.mark.slow(reason="six hundred drawn programs under drawn overrides: 240 s; the quick test has three")

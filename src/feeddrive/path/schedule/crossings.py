@@ -136,11 +136,12 @@ class Crossings:
     allow.
 
     limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
-    begun   True if the motion has begun already, so that its first runs cannot be slower as a whole
+    slower  True if two runs may both be slower as a whole, so that they overlap longer; a run whose motion may be
+            changed after it has begun cannot be slower from its beginning
     """
 
-    def __init__(self, limits: np.ndarray, begun: bool = False) -> None:
-        self._limits, self._begun = np.ascontiguousarray(limits, float), begun
+    def __init__(self, limits: np.ndarray, slower: bool = True) -> None:
+        self._limits, self._may_slow = np.ascontiguousarray(limits, float), slower
         self._fixed: Part | None = None  # its end may overlap with the next
         self._open: _Run | None = None
 
@@ -233,8 +234,7 @@ class Crossings:
         """Return both runs slower as a whole, if with their overlap they take less time than `best`, which is returned
         otherwise.
         """
-        # a motion that has begun cannot be slower from its beginning
-        if self._begun or not (_rests(one.part) and _rests(two.part)):
+        if not self._may_slow or not (_rests(one.part) and _rests(two.part)):
             return best
         end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
         longest, whole = _longest(one, end, two, begin), _time(one.part.motion) + _time(two.part.motion)
