@@ -260,7 +260,7 @@ def test_tips_and_angles_are_overridden_in_their_own_coordinates(tmp_path: Path)
 
 
 def test_at_100_percent_the_motion_lasts_as_long_as_without_an_override(program: Path) -> None:
-    """But for runs that may both be slower in a corner: one that may change after it has begun may not: 1.0 % here, and at most 2 %."""
+    """But for runs that may both be slower in a corner, which none may that can change: 1.0 % here, at most 2 %."""
     with_it, without = (len(moved(program, steps).positions) for steps in (override([]), None))
     assert without <= with_it <= 1.02 * without
 
