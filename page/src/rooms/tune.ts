@@ -18,7 +18,6 @@ import type { Received } from "../wire";
 
 const TOP = ["open_loop", "nyquist"]; // the first row; all others stand below
 const REST = 400; // ms without a change after which a way out of a broken limit is looked for
-const SHAPES = { kept: "kept", broken: "broken", free: "free" } as const;
 
 export class Tune implements Room {
   readonly name = "tune";
@@ -204,7 +203,7 @@ export class Tune implements Room {
     this.sentence.textContent = `${said.sentence}${place}`;
     this.verdict.title = said.judged!.map((each) => `${each.text}: ${each.keeps ? "kept" : "broken"}`).join("\n");
     this.verdict.className = all ? "good" : "bad";
-    if (this.shape.dataset.state !== state) this.shape.replaceChildren(icon(SHAPES[state]));
+    if (this.shape.dataset.state !== state) this.shape.replaceChildren(icon(state));
     this.shape.dataset.state = state;
     const remarks = (said.remarks as string[] | undefined) ?? [];
     this.notes.hidden = remarks.length === 0;

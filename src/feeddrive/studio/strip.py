@@ -18,9 +18,7 @@ from feeddrive.figures.of_loops import (
 from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.text import Text, resolve
 from feeddrive.tuning.by_hand import Look
-from feeddrive.tuning.closed_loop import Figures
 from feeddrive.tuning.criteria import Limits
-from feeddrive.tuning.proof import ROOM
 
 NEAR = 0.95  # a limit of which more than this share is used up is said to be near
 KEPT, CLOSE, BROKEN, FREE = "kept", "close", "broken", "free"
@@ -60,7 +58,7 @@ def strip(now: Look, today: Look, limits: Limits, units: Units) -> list[dict[str
 def _shown(gauge: Gauge, now: Look, today: Look, limits: Limits, units: Units) -> dict[str, Any]:
     figure, limited = gauge.figure, gauge.limited
     limit = None if limited is None else limits.limit(limited)
-    loop, value = _worst(figure, now)
+    value = _worst(figure, now)
     unit, factor = units.of(figure.unit)
     words = {
         "key": figure.key,
@@ -68,7 +66,7 @@ def _shown(gauge: Gauge, now: Look, today: Look, limits: Limits, units: Units) -
         "meaning": figure.description,
         "unit": unit,
         "value": _number(value, factor),
-        "today": _number(_worst(figure, today)[1], factor),
+        "today": _number(_worst(figure, today), factor),
         "higher": figure.higher,
         "option": "" if limited is None or limited.limit is None else limited.limit.option,
         "limit": "",
@@ -80,29 +78,24 @@ def _shown(gauge: Gauge, now: Look, today: Look, limits: Limits, units: Units) -
     if limit is not None:
         bound = 1.0 / limit.bound if gauge.limited is COMPLIANCE_PEAK else limit.bound
         words |= {"bound": _number(bound, factor), "limit": f"{'≥' if figure.higher else '≤'} {_number(bound, factor)}"}
-        words |= _judged(limit, loop, now.stable)
+        words |= _state(limit, now)
     return words
 
 
-def _judged(limit: Limit, loop: Figures | None, stable: bool) -> dict[str, Any]:
+def _state(limit: Limit, now: Look) -> dict[str, Any]:
     """Return the state of a limited figure, the share of the limit that is used up, and the frequency that decides."""
-    if not stable or loop is None:
+    found = next((each for each in now.judged if each.judged.figure == limit.figure), None) if now.stable else None
+    if found is None:
         return {"state": BROKEN, "used": 1.0}
-    value = limit.figure.read(loop)
-    used = limit.used(value)
-    state = (CLOSE if used > NEAR else KEPT) if limit.keeps(value, ROOM) else BROKEN
-    return {"state": state, "used": min(used, 1.0), "frequency": limit.declared.where(loop)}
+    state = (CLOSE if found.used > NEAR else KEPT) if found.keeps else BROKEN
+    return {"state": state, "used": min(found.used, 1.0), "frequency": found.frequency}
 
 
-def _worst(figure: Figure, look: Look) -> tuple[Figures | None, float | None]:
-    """Return the operating point at which a figure is worst, and its value there; None of an unstable loop."""
-    if not look.stable:
-        return None, None
-    values = [(loop, figure.read(loop)) for loop in look.figures]
-    known = [(loop, value) for loop, value in values if value is not None]
-    if not known:
-        return values[0][0], None
-    return (min if figure.higher else max)(known, key=lambda pair: abs(pair[1]))
+def _worst(figure: Figure, look: Look) -> float | None:
+    """Return a figure at the operating point where it is worst; None if no point has it, or the loop is unstable."""
+    values = [figure.read(loop) for loop in look.figures] if look.stable else []
+    known = [value for value in values if value is not None]
+    return (min if figure.higher else max)(known, key=abs, default=None)
 
 
 def _number(value: float | None, factor: float) -> str:
