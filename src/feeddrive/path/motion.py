@@ -278,6 +278,19 @@ class Motion(NamedTuple):
     snap: Floats
 
 
+@kernel
+def appended(motion: Motion, count: int, interval: Interval, p: int) -> int:
+    """Write a time interval that begins on piece p; return the new count."""
+    motion.duration[count] = interval.duration
+    motion.piece[count] = p
+    motion.x[count] = interval.x
+    motion.speed[count] = interval.speed
+    motion.acceleration[count] = interval.acceleration
+    motion.jerk[count] = interval.jerk
+    motion.snap[count] = interval.snap
+    return count + 1
+
+
 def slowed(motion: Motion, factor: float) -> Motion:
     """Return a motion along the same path that takes `factor` times as long."""
     duration, piece, x, v, a, j, s = motion

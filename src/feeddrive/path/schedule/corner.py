@@ -29,6 +29,7 @@ from feeddrive.path.motion import (
     Limits,
     Motion,
     Pieces,
+    appended,
     cubic,
     derivatives,
     line_way,
@@ -1070,26 +1071,13 @@ def _copied(motion: Records[Interval], used: int, to: Records[Interval]) -> int:
 
 
 @kernel
-def _put(interval: Interval, count: int, motion: Motion) -> int:
-    """Append a time interval on the only piece of a path."""
-    motion.duration[count] = interval.duration
-    motion.piece[count] = 0
-    motion.x[count] = interval.x
-    motion.speed[count] = interval.speed
-    motion.acceleration[count] = interval.acceleration
-    motion.jerk[count] = interval.jerk
-    motion.snap[count] = interval.snap
-    return count + 1
-
-
-@kernel
 def _leave(runs: LineRuns, k: int, work: Both, count: int, out: Leaves) -> int:
     """Append the final motion of run k, and drop what run k + 1 has of it; return the number of time intervals."""
     out.alone[k] = count
     two = k + 1
     if runs.lasts[two] == 0.0:
         for m in range(runs.used[k]):
-            count = _put(runs.motion[k, m], count, out.motion)
+            count = appended(out.motion, count, runs.motion[k, m], 0)
         out.common[k] = count
         out.entering[k] = count
         return count
@@ -1097,15 +1085,15 @@ def _leave(runs: LineRuns, k: int, work: Both, count: int, out: Leaves) -> int:
         runs.motion[k], runs.used[k], runs.motion[two], runs.used[two], runs.lasts[two], work.first, work.second
     )
     for m in range(both.begins):
-        count = _put(runs.motion[k, m], count, out.motion)
+        count = appended(out.motion, count, runs.motion[k, m], 0)
     if both.alone > 0.0:
-        count = _put(runs.motion[k, both.begins]._replace(duration=both.alone), count, out.motion)
+        count = appended(out.motion, count, runs.motion[k, both.begins]._replace(duration=both.alone), 0)
     out.common[k] = count
     for m in range(both.common):
-        count = _put(work.first[m], count, out.motion)
+        count = appended(out.motion, count, work.first[m], 0)
     out.entering[k] = count
     for m in range(both.common):
-        count = _put(work.second[m], count, out.motion)
+        count = appended(out.motion, count, work.second[m], 0)
     left = runs.used[two] - both.ends
     behind = runs.motion[two]
     for m in range(left):

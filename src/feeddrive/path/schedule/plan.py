@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Ints, Records
-from feeddrive.path.motion import Interval, Motion
+from feeddrive.path.motion import Interval, Motion, appended
 from feeddrive.path.schedule.ramp import (
     NO_RAMP,
     Bounds,
@@ -582,19 +582,6 @@ def plan(
 
 
 @kernel
-def _add(motion: Motion, count: int, interval: Interval, p: int) -> int:
-    """Write a time interval that begins on piece p; return the new count."""
-    motion.duration[count] = interval.duration
-    motion.piece[count] = p
-    motion.x[count] = interval.x
-    motion.speed[count] = interval.speed
-    motion.acceleration[count] = interval.acceleration
-    motion.jerk[count] = interval.jerk
-    motion.snap[count] = interval.snap
-    return count + 1
-
-
-@kernel
 def _phases(
     begin: Floats, motion: Motion, count: int, u: float, low: float, peak: float, ramp: Ramp, up: bool
 ) -> tuple[int, float]:
@@ -614,7 +601,7 @@ def _phases(
         if T > 0.0:
             while p + 1 < len(begin) - 1 and begin[p + 1] <= u:
                 p = p + 1
-            count = _add(motion, count, Interval(T, u - begin[p], v, a, j, s), p)
+            count = appended(motion, count, Interval(T, u - begin[p], v, a, j, s), p)
             u = u + T * (v + T * (0.5 * a + T * (j / 6.0 + T * s / 24.0)))
             v = v + T * (a + T * (0.5 * j + T * s / 6.0))
             a = a + T * (j + 0.5 * T * s)
@@ -637,6 +624,6 @@ def timed(begin: Floats, stretches: Records[Stretch], motion: Motion) -> int:
         # a plateau shorter than rounding is left out: its duration would be noise
         if brakes - u > rounding:
             p = piece_at(begin, u, True)
-            count = _add(motion, count, Interval((brakes - u) / now.peak, u - begin[p], now.peak, 0.0, 0.0, 0.0), p)
+            count = appended(motion, count, Interval((brakes - u) / now.peak, u - begin[p], now.peak, 0.0, 0.0, 0.0), p)
         count, u = _phases(begin, motion, count, brakes, now.v1, now.peak, now.down, False)
     return count
