@@ -220,6 +220,7 @@ def test_what_is_built_otherwise_is_refused_without_a_traceback(content: bytes, 
     sentences, proven = box_check.checked(str(file))
     assert not proven
     assert sentences[-1].startswith("REFUSED: ")
+    assert "Error" not in sentences[-1] or content[:1] == b"["
     assert box_check.checked(str(tmp_path / "none.json"))[1] is False
 
 

@@ -215,6 +215,10 @@ def test_the_file_is_accepted_and_each_kind_of_damage_is_refused(
         file.write_text(json.dumps({**without, **signed}), encoding="utf-8")
         said = f"REFUSED: {file}: its entry '{entry}' is missing: take the file as feeddrive travel wrote it"
         assert travel_check.checked(str(file))[0][-1].startswith(said)
+    file.write_text('{"format": "feeddrive tra', encoding="utf-8")
+    assert travel_check.checked(str(file))[0][-1].endswith(
+        "it is not whole JSON: the file was cut off or changed, copy it anew"
+    )
     # what is built otherwise is refused without a traceback
     file.write_text('{"format": "feeddrive travel proof, version 1", "states": 3, "sha256": 0}', encoding="utf-8")
     assert travel_check.checked(str(file))[1] is False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -129,3 +130,18 @@ def test_a_joint_must_be_of_the_type_of_its_axis() -> None:
     swapped = TEXT.replace(TEXT[TEXT.index("[axis.y]") : TEXT.index("[axis.z]")], turned)
     with pytest.raises(ParameterError, match=r"joint Y is linear, and axis.y is rotary: leave rotary = true out there"):
         machine_of_text(swapped, "m.toml")
+
+
+def test_a_directory_does_not_hide_the_bundled_file_of_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("dome", "results", "trunnion_ac"):
+        (tmp_path / name).mkdir()
+    assert find_bundled("dome", "programs", ".ngc").is_file()
+    assert "kinematics" in machine_toml(read_machine("trunnion_ac"))
+    # another path of that name is the directory, which no reader takes for a program
+    assert find_bundled(tmp_path / "dome", "programs", ".ngc") == tmp_path / "dome"
+    (tmp_path / "trunnion_ac").rmdir()
+    (tmp_path / "trunnion_ac").write_text("", encoding="utf-8")
+    assert find_bundled("trunnion_ac", "machines") == Path("trunnion_ac")

@@ -227,6 +227,7 @@ def test_numbers_beyond_all_measure_are_named_with_their_row(tmp_path: Path) -> 
         ("torque", "mNm", 1e-3),
         ("torque", "Nmm", 1e-3),
         ("angle_motor", "mdeg", np.pi / 180e3),
+        ("angle_motor", "arcsec", np.pi / 648e3),
         ("angle_motor", "°", np.pi / 180),
         ("position_load", "µm", 1e-6),
         ("speed_motor", "1/min", np.pi / 30),

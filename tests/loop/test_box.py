@@ -223,6 +223,7 @@ def test_a_plant_is_named_by_what_differs(screw: Loop) -> None:
     named = Box().named(screw.axis, Corner((1.0, 0.0, -0.5, 0.0, 0.0), 1))
     assert str(named) == "mass_motor +30 %, mass_load -15 %, 1 sample later"
     assert str(Box().named(screw.axis, Corner((0.0,) * 5, 0))) == "the model"
+    assert "mass_motor -99.9 %" in str(Box(mass=0.999).named(screw.axis, Corner((-1.0, 0.0, 0.0, 0.0, 0.0), 0)))
 
 
 def test_identified_values_spread_by_their_standard_errors(screw: Loop) -> None:

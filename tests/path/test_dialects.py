@@ -248,6 +248,8 @@ def test_waypoints_with_a_feed_for_each_move():
     ("points", "feed", "options", "reason"),
     [
         ([[0, 0]], 1, {"axes": "XY"}, r"shape \(1, 2\)"),
+        ("abc", 1, {}, "points is no array of numbers: .*abc"),
+        ([[0, 0, 0], [1, 1, 1]], "fast", {}, "feed is no array of numbers: .*fast"),
         ([[0, 0], [1, 1]], 1, {}, "3 columns for XYZ"),
         ([[0, 0], [1, np.nan]], 1, {"axes": "XY"}, r"points\[1\].*finite"),
         ([[0, 0], [1, 1]], [1, 2], {"axes": "XY"}, "1, one for each move"),

@@ -27,7 +27,7 @@ from feeddrive.path.feed_loss import (
     FeedLossRecorder,
 )
 from feeddrive.path.limits import AxisLimits, MachineLimits
-from feeddrive.path.motion import ARC
+from feeddrive.path.motion import ARC, PACED
 from feeddrive.path.planned import Planned, planned_of
 from feeddrive.path.program.moves import Move
 from feeddrive.path.program.reading import read_program
@@ -63,6 +63,24 @@ def lost(plan: Planned) -> dict[str, float]:
     for row in plan.loss.causes:
         found[row.cause] = found.get(row.cause, 0.0) + row.lost
     return found
+
+
+def test_an_axis_at_its_largest_velocity_is_the_cause_also_where_the_program_ends() -> None:
+    """X turns at its largest velocity for 1 s while the tip swings about, then all stops within 50 ms."""
+    recorder = FeedLossRecorder(
+        np.array([[0.5, 5.0, 100.0, 5e4]] * 2), [f"{name} of {axis}" for axis in "XY" for name in "vajs"], T
+    )
+    time = T * np.arange(1050)
+    fading = np.clip((1.05 - time) / 0.05, 0.0, 1.0)
+    values = np.zeros((len(time), 2, 5))
+    values[:, 0, 1] = 0.5 * fading
+    values[:, 1, 1], values[:, 1, 2] = 0.05 * np.sin(60.0 * time), 3.0 * np.cos(60.0 * time)
+    tip = 0.05 * fading + 1e-6
+    shape = np.full(len(time), PACED)
+    recorder.add(values, np.full(len(time), 0.1), np.ones(len(time)), shape, 1.0, tip)
+    causes = recorder.result().causes
+    assert causes[0].name == f"{VELOCITY} (v of X)"
+    assert causes[0].lost == pytest.approx(0.5, abs=0.05)  # half of 1 s, and the stop
 
 
 def test_a_line_loses_what_its_two_ramps_take(tmp_path: Path) -> None:

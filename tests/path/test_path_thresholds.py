@@ -274,7 +274,7 @@ def test_chains_of_up_to_100_segments_are_planned_in_two_ways(
 
 @pytest.mark.parametrize(("factor", "refused"), [(1.8, False), (2.5, True)])
 def test_a_factor_of_the_feed_is_at_most_2(factor: float, refused: bool) -> None:
-    assert refuses(lambda: override([(1.0, factor)]), "must be 0 .. 2") is refused
+    assert refuses(lambda: override([(1.0, factor)]), "must be 0 .. 2 (0 .. 200 %), got 2.5 (250 %)") is refused
 
 
 def straight(count: int) -> Section:

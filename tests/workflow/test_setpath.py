@@ -183,6 +183,16 @@ def test_a_log_is_read_by_its_columns(job: Path, tmp_path: Path) -> None:
         ParameterError, match=r"--position z=encoder: give each axis once, as x=...; the part moves x, y"
     ):
         outcome(job, from_log=log, position=("z=encoder",))
+    # the usual names in other forms: those of `setpoints.csv`, with the unit at the end
+    plain = outcome(job, from_log=log, position=("x=encoder",)).result.history
+    head, _, rows = text.partition("\n")
+    for axis in "xy":
+        head = head.replace(f"{axis}.set_position", f"{axis}_set_position_m").replace(
+            f"{axis}.reading_load", "Y.reading_load_m"
+        )
+    renamed = tmp_path / "renamed.csv"
+    renamed.write_text(head.replace("encoder", "x_position_load_m") + "\n" + rows, encoding="utf-8")
+    assert outcome(job, from_log=renamed).result.history == plain
     cut = tmp_path / "cut.csv"
     cut.write_text("\n".join(text.splitlines()[:-100]) + "\n", encoding="utf-8")
     with pytest.raises(LogError, match="log the part again, to its last sample"):

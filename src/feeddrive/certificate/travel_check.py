@@ -306,6 +306,11 @@ def checked(path: str) -> tuple[list[str], bool]:
         sentences, proven = [f"REFUSED: {path}: {error}"], False
     except KeyError as error:
         sentences, proven = [f"REFUSED: {path}: {MISSING.format(error.args[0])}"], False
+    except (json.JSONDecodeError, UnicodeDecodeError):
+        sentences, proven = (
+            [f"REFUSED: {path}: it is not whole JSON: the file was cut off or changed, copy it anew"],
+            False,
+        )
     except BROKEN as error:
         said = f"REFUSED: {path}: it is not built as such a proof is: {type(error).__name__} {error}"
         sentences, proven = [said], False

@@ -229,7 +229,7 @@ def _machine(root: TomlTable, place: Path, values: Mapping[Key, Any]) -> Machine
     name = read_field(JobSection, root, "machine")
     beside = place.parent / name
     try:
-        return read_machine(beside if beside.exists() else name, quoting=False, values=values)
+        return read_machine(beside if beside.is_file() else name, quoting=False, values=values)
     except FileError as error:
         raise type(error)(f"{root.where('machine')}: machine: {error}") from None
 

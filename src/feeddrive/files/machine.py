@@ -446,14 +446,18 @@ def _check_joints(section: MachineSection, loops: Mapping[str, Loop], five_axes:
 def find_bundled(path: str | Path, folder: str, suffix: str = ".toml") -> Path:
     """Return the path if it exists or has a suffix, otherwise the path of the bundled file of that name. Raise
     FileError.
+
+    A directory does not hide the bundled file of its name: `plan dome --out dome` can be repeated.
     """
     file = Path(path)
     # A name with a suffix is meant as a file, so that a typing error is not answered by a bundled machine.
-    if file.exists() or file.suffix:
+    if file.is_file() or file.suffix:
         return file
     bundled = BUNDLED / folder / f"{file.name}{suffix}"
-    if bundled.exists():
+    if bundled.exists() and (file.parent == Path() or not file.exists()):
         return bundled
+    if file.exists():
+        return file
     names = sorted(bundled_file.stem for bundled_file in (BUNDLED / folder).glob(f"*{suffix}"))
     raise FileError(f"{file}: there is no such file, and no bundled one of that name{nearest(file.name, names)}")
 

@@ -701,7 +701,7 @@ def _path(section: ProgramSection, place: Path, name: str) -> Path:
     """Return the path of the file named by a key, next to the job or bundled. Raise ParameterError if it is missing."""
     value = str(getattr(section, name))
     beside, bundled = place.parent / value, BUNDLED / "programs" / value
-    if beside.exists():
+    if beside.is_file():
         return beside
     if not bundled.is_file():
         raise section.error(f"{section.dotted(name)} = {value!r}: there is no such file beside the job", name)

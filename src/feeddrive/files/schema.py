@@ -12,12 +12,13 @@ from typing import Any, TypeAlias
 
 from feeddrive.files.section import VARIED, Hint, Section, hints, members, options_of_type
 from feeddrive.language.block import Block, Declaration, declarations, defaults
+from feeddrive.language.units import WORD
 
 Schema: TypeAlias = dict[str, Any]
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 # a unit of `language.units`, word by word, after the name of a parameter
-_WORD = "(?:[GMkcmun]?(?:m|g|s|A|rad|N|W|J|V|Hz)|kg|t|min|h|in|deg|mdeg|rev|U|rpm|percent|permille|1|per)[0-9]?"
+_WORD = f"(?:{WORD}|per)[0-9]?"
 _SUFFIX = f"(?:_{_WORD})+"
 _TEXT: Schema = {"type": "string"}
 _NUMBERS = "numbers_by_path"

@@ -63,6 +63,8 @@ _OTHER: dict[str, tuple[float, Dimension]] = {
     "in": (0.0254, (1, 0, 0, 0, 0)),
     "deg": (math.pi / 180, (0, 0, 0, 0, 1)),
     "mdeg": (math.pi / 180e3, (0, 0, 0, 0, 1)),
+    "arcmin": (math.pi / 10800, (0, 0, 0, 0, 1)),
+    "arcsec": (math.pi / 648000, (0, 0, 0, 0, 1)),
     "rev": (2 * math.pi, (0, 0, 0, 0, 1)),
     "U": (2 * math.pi, (0, 0, 0, 0, 1)),  # Umdrehung: U/min is rpm, mm/U a lead
     "rpm": (2 * math.pi / 60, (0, 0, -1, 0, 1)),
@@ -70,6 +72,10 @@ _OTHER: dict[str, tuple[float, Dimension]] = {
     "permille": (1e-3, _NONE),
     "1": (1.0, _NONE),
 }
+
+
+WORD = f"[{''.join(_PREFIX)}]?(?:{'|'.join(_BASE)})|{'|'.join(_OTHER)}"
+"""A regular expression of all units of one word."""
 
 
 def _unit(word: str) -> tuple[float, Dimension]:

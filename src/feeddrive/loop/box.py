@@ -385,13 +385,18 @@ def is_identified(axis: Axis, errors: Mapping[str, float]) -> bool:
 def named(dimensions: Sequence[Dimension], corner: Corner) -> Text:
     """Return a plant in words, by the dimensions of its box, such as `mass_load -30 %, 1 sample later`."""
     parts = [
-        Text(f"{d.path} {'+' if u > 0 else '-'}{Quantity(abs(d.spread * u), 'share'):2}")
+        Text(f"{d.path} {'+' if u > 0 else '-'}{_share(abs(d.spread * u))}")
         for d, u in zip(dimensions, corner.place, strict=True)
         if abs(u) > 1e-3
     ]
     if corner.late:
         parts.append(Text(f"{corner.late} {'sample' if corner.late == 1 else 'samples'} later"))
     return joined(", ", parts) or Text("the model")
+
+
+def _share(size: float) -> Quantity:
+    # a mass that falls by 99.9 % is not gone
+    return Quantity(size, "share", form="3" if size > 0.99 else "2")
 
 
 def _signed(axis: Axis, path: str) -> bool:

@@ -313,7 +313,11 @@ class FeedLossRecorder:
             self._stops.popleft()
         stops = list(takewhile(lambda stop: stop[0] <= time + duration + T, self._stops))
         lowest = int(np.argmin(rows.level))
-        if stops:
+        held = rows.speed >= _AT_LIMIT * rows.rapid
+        if np.sum((1.0 - ratio)[held]) > _MOSTLY * np.sum(1.0 - ratio):
+            # an axis at its largest velocity holds the speed, whatever the fall ends at
+            cause, limit = VELOCITY, self._names[4 * int(np.argmax(np.bincount(rows.axis[held], 1.0 - ratio[held])))]
+        elif stops:
             cause = max(stops, key=lambda stop: stop[1])[2]
             weights = np.bincount(rows.limit, weights=(rows.use >= _USED) * (1.0 - ratio), minlength=1)
             limit = self._names[int(np.argmax(weights))] if np.any(weights > 0.0) else NO_LIMIT

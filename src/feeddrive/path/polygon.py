@@ -31,7 +31,7 @@ def waypoints(points: ArrayLike, feed: ArrayLike, *, axes: str = "XYZ", toleranc
     letters = axes.lower()
     if not letters or len(set(letters)) != len(letters) or not set(letters) <= set(AXES):
         raise ParameterError(f"axes = {axes!r}: letters of X Y Z A B C U V W are expected, each once")
-    rows = np.asarray(points, float)
+    rows = _numbers("points", points)
     if rows.ndim != 2 or rows.shape[1] != len(letters) or len(rows) < 2:
         raise ParameterError(
             f"points has the shape {rows.shape}: one row for each waypoint, two at least, and {len(letters)} columns "
@@ -40,7 +40,7 @@ def waypoints(points: ArrayLike, feed: ArrayLike, *, axes: str = "XYZ", toleranc
     wrong = np.flatnonzero(~(np.abs(rows) <= FARTHEST).all(axis=1))
     if len(wrong):
         raise ParameterError(f"points[{wrong[0]}] = {rows[wrong[0]]}: finite numbers up to {FARTHEST:g} m are expected")
-    feeds = np.asarray(feed, float)
+    feeds = _numbers("feed", feed)
     if feeds.ndim > 1 or (feeds.ndim == 1 and len(feeds) != len(rows) - 1):
         raise ParameterError(
             f"feed has the shape {feeds.shape}: one number, or {len(rows) - 1}, one for each move, are expected"
@@ -50,6 +50,14 @@ def waypoints(points: ArrayLike, feed: ArrayLike, *, axes: str = "XYZ", toleranc
     if not 0.0 <= tolerance < np.inf:
         raise ParameterError(f"tolerance = {tolerance}: a finite number of m, 0 or more, is expected")
     return _moves(rows, np.broadcast_to(feeds, len(rows) - 1), [AXES.index(letter) for letter in letters], tolerance)
+
+
+def _numbers(name: str, given: ArrayLike) -> np.ndarray:
+    """Return an array of numbers."""
+    try:
+        return np.asarray(given, float)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"{name} is no array of numbers: {error}") from None
 
 
 def _moves(rows: np.ndarray, feeds: np.ndarray, columns: list[int], tolerance: float) -> Iterator[Move]:

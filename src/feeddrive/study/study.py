@@ -182,7 +182,7 @@ def _job_file(root: TomlTable, place: Path, name: str | None, of_study: Collecti
         return replace(root.file, content=content), place
     beside = place.parent / name
     try:
-        path = beside if beside.exists() else find_bundled(name, "jobs")
+        path = beside if beside.is_file() else find_bundled(name, "jobs")
         return read_toml(path, "a job", quoting=False), path
     except FileError as error:
         raise type(error)(f"{root.where('job')}: job: {error}") from None

@@ -152,7 +152,7 @@ def _machine(sources: tuple[Path, ...]) -> MachineFile | None:
     """Return the machine if the source is one; None for logs. Raise ParameterError for a machine with other sources."""
     first = sources[0]
     # a bundled machine is a bare name; a file without a suffix that exists is a log
-    is_machine = first.suffix.lower() == ".toml" or (not first.suffix and not first.exists())
+    is_machine = first.suffix.lower() == ".toml" or (not first.suffix and not first.is_file())
     if not is_machine:
         return None
     if len(sources) > 1:

@@ -260,7 +260,7 @@ def _job(request: PlanRequest, program: Path, machine: MachineFile | None, plann
 
 def _found(path: str | Path) -> str:
     """Return the absolute path of an existing file; the name of a bundled file is returned unchanged."""
-    return str(Path(path).resolve()) if Path(path).exists() else str(path)
+    return str(Path(path).resolve()) if Path(path).is_file() else str(path)
 
 
 def _differing(machine: MachineFile, letters: str) -> list[str]:

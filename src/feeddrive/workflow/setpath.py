@@ -29,6 +29,7 @@ from feeddrive.bus.drive_file import DriveScaling, read_drive
 from feeddrive.export.corrected_part import read_correction, write_correction
 from feeddrive.files.atomic_io import check_directory, new_directory, write_whole
 from feeddrive.files.columns import Column as LogColumn
+from feeddrive.files.columns import unit_at_the_end
 from feeddrive.files.job import Job, JobLike, job_of, read_job
 from feeddrive.files.machine import BUNDLED, MachineFile, MachineLike, read_machine
 from feeddrive.files.read_log import OpenedFile, read_log
@@ -99,10 +100,11 @@ class SetpathRequest(Request):
     from_log: Path | None = option("log of the last part, from which the next one is corrected", default=None)
     last: Path | None = option("directory of the correction that ran with the logged part", default=None)
     set_position: tuple[str, ...] = option(
-        "column of a set position, as x=NAME:mm; default: x.set_position; may be repeated", default=()
+        "column of a set position, as x=NAME:mm; default: x.set_position or x_set_position_mm; may be repeated",
+        default=(),
     )
     position: tuple[str, ...] = option(
-        "column of a measured position, as x=NAME:mm; default: x.reading_load or x.position_load; may be repeated",
+        "column of a measured position, as x=NAME:mm; default: x.reading_load or x_position_load_mm; may be repeated",
         default=(),
     )
     drive: tuple[str, ...] = option(
@@ -139,7 +141,7 @@ def _is_job(source: MachineLike | JobLike) -> bool:
     if isinstance(source, Job | MachineFile):
         return isinstance(source, Job)
     file = Path(source)
-    if file.exists():
+    if file.is_file():
         return "machine" in read_toml(file).content
     # an unknown name is that of a job, whose error lists the bundled ones
     return not file.suffix and not (BUNDLED / "machines" / f"{file.name}.toml").exists()
@@ -589,7 +591,7 @@ def _read_part(request: SetpathRequest, part: Part) -> PartLog:
     assert request.from_log is not None
     file = OpenedFile(request.from_log)
     whole = read_log(file, sample_time=float(part.machine.sample_time))
-    columns = set(whole.channels)
+    columns = tuple(whole.channels)
     chosen = {
         "setpoint_position": _by_axis("--set-position", request.set_position, part.plan),
         "position_load": _by_axis("--position", request.position, part.plan),
@@ -599,8 +601,7 @@ def _read_part(request: SetpathRequest, part: Part) -> PartLog:
     sample_time = 0.0
     for axis in part.plan:
         for role, named in chosen.items():
-            common = (f"{axis}.{word}" for word in usual[role])
-            name = named.get(axis) or next((word for word in common if word in columns), "")
+            name = named.get(axis) or _usual_column(columns, axis, usual[role], role)
             if not name:
                 flag = "--set-position" if role == "setpoint_position" else "--position"
                 raise ParameterError(
@@ -609,9 +610,9 @@ def _read_part(request: SetpathRequest, part: Part) -> PartLog:
                 )
             log = read_log(file, {role: LogColumn.of(name)}, sample_time=float(part.machine.sample_time))
             signals[role][axis], sample_time = log[role], float(log.sample_time)
-        if f"{axis}.force" in columns:
+        if force := _usual_column(columns, axis, ("force",), "force"):
             # by its role, which converts kN and the like
-            signals["force"][axis] = read_log(file, {"force": LogColumn.of(f"{axis}.force")})["force"]
+            signals["force"][axis] = read_log(file, {"force": LogColumn.of(force)})["force"]
         if f"{axis}.trip" in columns:
             signals["trip"][axis] = whole[f"{axis}.trip"]
     return PartLog(
@@ -622,6 +623,18 @@ def _read_part(request: SetpathRequest, part: Part) -> PartLog:
         signals["force"],
         signals["trip"],
     )
+
+
+def _usual_column(columns: Sequence[str], axis: str, words: Sequence[str], role: str) -> str:
+    """Return the column of an axis with a usual name, such as `x.set_position`, `x_set_position_m` or `X.force_kN`;
+    empty if there is none.
+    """
+    stems = {name: name.removesuffix(f"_{unit_at_the_end(name, role)}").lower() for name in columns}
+    for word in words:
+        for usual in (f"{axis}.{word}", f"{axis}_{word}"):
+            if name := next((name for name in columns if stems[name] == usual.lower()), ""):
+                return name
+    return ""
 
 
 def _one_axis(request: SetpathRequest, progress: Progress) -> Outcome[Any]:

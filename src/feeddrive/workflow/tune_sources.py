@@ -145,7 +145,7 @@ def machine_of(source: object) -> MachineFile | None:
         return None
     path = Path(source)
     # a bare name that is no file can only be a bundled machine
-    bundled = not path.suffix and not path.exists()
+    bundled = not path.suffix and not path.is_file()
     if path.suffix.lower() == ".toml" or (bundled and (BUNDLED / "machines" / f"{source}.toml").exists()):
         return read_machine(source)
     if bundled:

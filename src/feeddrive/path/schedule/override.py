@@ -77,7 +77,7 @@ def override(steps: Sequence[tuple[float, float]]) -> Override:
         if not 0.0 <= value <= MOST:
             raise ParameterError(
                 f"override: the factor of step {k + 1} must be 0 .. {Quantity(MOST)} (0 .. "
-                f"{Quantity(MOST, 'share'):6}), got {Quantity(value):6}"
+                f"{Quantity(MOST, 'share'):6}), got {Quantity(value):6} ({Quantity(value, 'share'):6})"
             )
         if begin == 0.0:
             factor[0] = value
