@@ -139,7 +139,7 @@ def test_a_directory_does_not_hide_the_bundled_file_of_its_name(
     for name in ("dome", "results", "trunnion_ac"):
         (tmp_path / name).mkdir()
     assert find_bundled("dome", "programs", ".ngc").is_file()
-    assert "kinematics" in machine_toml(read_machine("trunnion_ac"))
+    assert read_machine("trunnion_ac").kinematics is not None
     # another path of that name is the directory, which no reader takes for a program
     assert find_bundled(tmp_path / "dome", "programs", ".ngc") == tmp_path / "dome"
     (tmp_path / "trunnion_ac").rmdir()
