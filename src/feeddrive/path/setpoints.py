@@ -185,8 +185,7 @@ def _joined(
                 yield workers.submit(copy_context().run, _alone, segments, frame)
             else:
                 factor = overridden.factor() if overridden else 1.0
-                quicker = _quicker(segments, frame, factor, overridden is None)
-                yield quicker or _usual(segments, frame, joiner)
+                yield _quicker(segments, frame, factor) or _usual(segments, frame, joiner)
             continue
         if frame.tip is None:
             yield _usual(segments, frame, joiner)
@@ -347,9 +346,9 @@ def _in_radians(part: Part, weights: np.ndarray | None) -> Part:
     return part._replace(pieces=counted(part.pieces, 1.0 / weights), entering=entering, weights=weights)
 
 
-def _quicker(segments: Chain, frame: _Frame, factor: float, slower: bool = True) -> _Joined | None:
+def _quicker(segments: Chain, frame: _Frame, factor: float) -> _Joined | None:
     """Plan a short chain at a feed factor in two ways, once with splines and blends and once with overlapping runs at
-    all corners; return the faster plan. `slower` is that of `Planner`.
+    all corners; return the faster plan.
 
     The parts are None, not yet planned, if both plans are identical; the result is None if the chain is not short.
     """
@@ -360,7 +359,7 @@ def _quicker(segments: Chain, frame: _Frame, factor: float, slower: bool = True)
     if np.array_equal(usual.stop, in_time.stop):
         return usual
     both = [
-        joined._replace(parts=list(Planner(frame.limits, factor, slower=slower).along(joined.sections, True)))
+        joined._replace(parts=list(Planner(frame.limits, factor).along(joined.sections, True)))
         for joined in (usual, in_time)
     ]
     return min(both, key=lambda joined: _lasts(joined.parts or []))

@@ -99,6 +99,7 @@ class _Run(NamedTuple):
     seen: End | None = None
     lasts: float = 0.0  # s
     corner: float = 0.0  # tolerance of that corner
+    bump: bool = False
 
 
 class Lines(NamedTuple):
@@ -128,7 +129,8 @@ def _line_run(pieces: Pieces, runs: LineRuns, k: int, tolerance: float, corner: 
     seen = End(
         new, used, _time(motion), line.length, float(runs.feed[k]), runs.along[k], runs.most[k], LINE, runs.along
     )
-    return _Run(Part(pieces, motion, True), tolerance, _Stretch(0, used, line), seen, float(runs.lasts[k]), corner)
+    stretch, bump = _Stretch(0, used, line), line.head.wide > 0.0
+    return _Run(Part(pieces, motion, True), tolerance, stretch, seen, float(runs.lasts[k]), corner, bump)
 
 
 class Crossings:
@@ -136,12 +138,10 @@ class Crossings:
     allow.
 
     limits  limits of velocity to snap of each axis, m/s .. m/s⁴, shape (N, 4)
-    slower  True if two runs may both be slower as a whole, so that they overlap longer; a run whose motion may be
-            changed after it has begun cannot be slower from its beginning
     """
 
-    def __init__(self, limits: np.ndarray, slower: bool = True) -> None:
-        self._limits, self._may_slow = np.ascontiguousarray(limits, float), slower
+    def __init__(self, limits: np.ndarray) -> None:
+        self._limits = np.ascontiguousarray(limits, float)
         self._fixed: Part | None = None  # its end may overlap with the next
         self._open: _Run | None = None
 
@@ -234,7 +234,7 @@ class Crossings:
         """Return both runs slower as a whole, if with their overlap they take less time than `best`, which is returned
         otherwise.
         """
-        if not self._may_slow or not (_rests(one.part) and _rests(two.part)):
+        if one.bump or not (_rests(one.part) and _rests(two.part)):
             return best
         end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
         longest, whole = _longest(one, end, two, begin), _time(one.part.motion) + _time(two.part.motion)
@@ -326,7 +326,7 @@ class Crossings:
             rows0,
             rows1,
         )
-        two = two._replace(lasts=found.lasts, corner=one.tolerance)
+        two = two._replace(lasts=found.lasts, corner=one.tolerance, bump=found.first > 0)
         if not found.first:
             # without a bump both may stop in the corner more slowly
             return (one, two) if one.whole and two.whole else self._both_slower(one, two, (one, two))

@@ -145,7 +145,7 @@ class Overridden:
         """Return the planner from here on at another factor."""
         self._factor = self._fastest = factor
         """The factor in force, and the largest one since which the motion may not have slowed down."""
-        self._planner = Planner(self._limits, factor, start, before, slower=False)
+        self._planner = Planner(self._limits, factor, start, before)
         return self._planner
 
     def factor(self) -> float:

@@ -45,7 +45,6 @@ class Planner:
     start    where the motion begins, if it is not at rest at the start of a run
     before   motion up to the start, which is lifted together with what follows
     workers  lift what does not depend on each other; None: one after the other
-    slower   see `Crossings`
     """
 
     def __init__(
@@ -55,11 +54,10 @@ class Planner:
         start: Start | None = None,
         before: Part | None = None,
         workers: Executor | None = None,
-        slower: bool = True,
     ) -> None:
         limits = limits_at(limits, factor)
         self._factor = factor
-        self._schedule, self._crossings = Schedule(limits, start=start), Crossings(limits, slower)
+        self._schedule, self._crossings = Schedule(limits, start=start), Crossings(limits)
         self._lifter = Lifter(limits, workers)
         self._lifter.hand = before
 
