@@ -441,6 +441,16 @@ def test_python_is_the_function_and_interpreted_runs_it():
     assert not hasattr(error.value, "__notes__")
 
 
+def test_an_interpreted_call_leaves_the_names_of_a_kernel_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """What replaces a called kernel while it is interpreted is not what the machine code calls later."""
+    below = "@kernel\ndef g(x: float) -> float:\n    return 2.0 * x\n\n"
+    above = two_files(tmp_path, below, "@kernel\ndef f(x: float) -> float:\n    return g(x) + 1.0\n")
+    with monkeypatch.context() as patch, interpreted():
+        patch.setitem(above.python.__globals__, "g", lambda x: 10.0 * x)
+        assert above(3.0) == 31.0
+    assert above(3.0) == 7.0
+
+
 def test_a_kernel_is_pickled_by_name_and_called_from_several_threads(tmp_path: Path):
     assert pickle.loads(pickle.dumps(kernel_beside.halves)) is kernel_beside.halves
     kernel = made(tmp_path, "@kernel\ndef f(x: float) -> float:\n    return 2.0 * x\n")

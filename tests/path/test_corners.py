@@ -29,6 +29,7 @@ from feeddrive.path.motion import (
     part_of_pieces,
     rows,
     slowed,
+    way,
 )
 from feeddrive.path.proof import Proof, Prover
 from feeddrive.path.schedule import corner as planner
@@ -235,6 +236,20 @@ def test_a_run_that_begins_too_early_is_seen(turned: float, said: str):
     parts, rest = overlapped(one, two, lasts + 1e-3, 5e-5)
     found = proof([*parts, rest])
     assert any(said in str(fault) for fault in found.faults)
+
+
+@pytest.mark.parametrize("plateau", [2e-15, 6e-15, 1e-13])
+def test_no_place_jumps_where_a_plateau_beside_a_bump_is_as_short_as_rounding(plateau: float):
+    """From rest to 36 mm/s and down to a bump: each phase begins where the one before it ends, within 4 ulp."""
+    corner, rows = Node(0.02, 0.006, 0.002, 1.0, 0.5), np.zeros((ROWS, 6))
+    line = LineStretch(5e-3, 0.036, *LIMITS[0, 1:].tolist(), Node(0.0), corner)
+    count = straight(line, rows)
+    longest = int(np.argmax(rows[:count, 0]))
+    assert rows[longest, 3:].tolist() == [0.0, 0.0, 0.0]
+    line = line._replace(length=line.length - (rows[longest, 0] - plateau) * line.fastest)
+    count = straight(line, rows)
+    ends = [x + way(*map(float, (v, a, j, s, T))) for T, x, v, a, j, s in rows[: count - 1]]
+    assert np.abs(rows[1:count, 1] - ends).max() <= 4.0 * np.spacing(line.length)
 
 
 @pytest.mark.parametrize(("factor", "said"), [(0.95, "the jerk of"), (1.01, "miss the corner")])

@@ -322,9 +322,9 @@ class Source:
 
     def _type(self, node: ast.expr) -> Type:
         """Return the type that an annotation denotes."""
-        hint = self.lookup(node)
+        hint = self._annotation(node)
         if isinstance(node, ast.Subscript):
-            array, inner = self.lookup(node.value), self.lookup(node.slice)
+            array, inner = self._annotation(node.value), self._annotation(node.slice)
             hint = cast(Any, array)[inner] if (array is Records or array is Records2) and is_record(inner) else None
         try:
             type_ = type_of(hint)
@@ -345,7 +345,7 @@ class Source:
             self.refuse(self.tree, "no type is said to be returned", "write -> float, -> tuple[float, int] or -> None")
         if isinstance(node, ast.Constant) and node.value is None:
             return (), False
-        single = not (isinstance(node, ast.Subscript) and self.lookup(node.value) is tuple)
+        single = not (isinstance(node, ast.Subscript) and self._annotation(node.value) is tuple)
         if isinstance(node, ast.Subscript) and not single:
             inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
             types = tuple(self._type(element) for element in inner)
@@ -354,6 +354,16 @@ class Source:
         if any(leaf.dimensions for kind in types for _, leaf in kind.leaves("")):
             self.refuse(node, "an array is returned", "let the caller give the array that is filled")
         return types, single
+
+    def _annotation(self, node: ast.expr) -> object:
+        """Return the value of a name in an annotation, including module attributes; None if undefined."""
+        # not from `named`: that would be read by an interpreted call, and fix what the code calls when it is compiled
+        if isinstance(node, ast.Name):
+            return self._outside(node.id)
+        if isinstance(node, ast.Attribute):
+            module = self._annotation(node.value)
+            return getattr(module, node.attr, None) if isinstance(module, ModuleType) else None
+        return None
 
     def lookup(self, node: ast.expr) -> object:
         """Return the value of a name defined outside the function, including module attributes; None if undefined."""
@@ -369,7 +379,7 @@ class Source:
 
     @cached_property
     def named(self) -> dict[str, object]:
-        """The values of the names in its code, including module attributes; they are read once, at the first use."""
+        """The values of the names in its code, including module attributes, read once: when it is first compiled."""
         names = self.python.__code__.co_names
         values = {name: self._outside(name) for name in names}
         # modules may refer to each other: each is visited once

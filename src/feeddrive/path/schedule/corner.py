@@ -52,7 +52,7 @@ _HALVINGS = 24  # largest number of halvings of the overlap
 _TOLERANT = 0.02  # relative accuracy of the longest overlap within the tolerance
 _SHORTER = 8  # number of overlaps tried with slower motions, in equal steps
 _CLOSER = 3  # number of times that these steps are halved
-_SLIVER = 1e-12  # of an overlap: two phases that end so close together end simultaneously
+_SLIVER = 1e-12  # of an overlap or a bump: two phases that end so close together end simultaneously
 BELOW = 1.0 - 1e-10  # of a tolerance, for rounding
 
 
@@ -692,7 +692,13 @@ def _rows(stretch: LineStretch, peak: float, out: Records[Interval]) -> int:
     count = _ramp(v0, peak - v0, up, 0.0, True, count, base)
     rise = 0.5 * (v0 + peak) * duration(up)
     fall = 0.5 * (v1 + peak) * duration(down)
-    count = _phase(Interval((length - fall - rise) / peak, rise, peak, 0.0, 0.0, 0.0), count, base)
+    plateau = (length - fall - rise) / peak
+    near = _SLIVER * (h0 + h1)
+    if plateau <= near and count > 0:
+        # it would be left out below, and the way jump by its length: the phase before it lasts longer instead
+        base[count - 1] = base[count - 1]._replace(duration=base[count - 1].duration + plateau)
+    else:
+        count = _phase(Interval(plateau, rise, peak, 0.0, 0.0, 0.0), count, base)
     count = _ramp(v1, peak - v1, down, length - fall, False, count, base)
     count = _phase(Interval(h1, length, v1, 0.0, 0.0, 0.0), count, base)
     head = records(Interval, 5)
@@ -721,7 +727,6 @@ def _rows(stretch: LineStretch, peak: float, out: Records[Interval]) -> int:
         else:
             left = left - whole.duration
     # base, head and tail are added interval by interval; times from the start of each phase keep their digits
-    near = 1e-12 * (h0 + h1)
     p = 0
     q = 0
     tb = 0.0

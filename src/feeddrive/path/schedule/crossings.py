@@ -91,6 +91,7 @@ class _Run(NamedTuple):
 
     whole  stretch of a run along one line, whose head and tail are planned together; None for other runs
     seen   motion of such a run at its corners
+    bump   True if it begins with a bump, which only the previous run beside it keeps within the limits
     """
 
     part: Part
@@ -234,6 +235,8 @@ class Crossings:
         """Return both runs slower as a whole, if with their overlap they take less time than `best`, which is returned
         otherwise.
         """
+        # a bump at the other corner of the first run would no longer be the one of the run before it, and its overlap
+        # cannot be shorter as that of two stops can
         if one.bump or not (_rests(one.part) and _rests(two.part)):
             return best
         end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
