@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from time import process_time
 from typing import NamedTuple
 
 import numpy as np
@@ -355,6 +356,13 @@ def test_a_run_behind_a_bump_is_not_made_slower_as_a_whole(number: int, seed: in
     drawn = drawn_case(number, seed)
     check_case(drawn)
     check_case(drawn._replace(steps=[]))
+
+
+def test_a_motion_of_twenty_minutes_beside_ramps_of_milliseconds_is_planned_in_seconds() -> None:
+    """1 % of the feed, planned twice to draw the case: 1 s of CPU; more than 60 s where lifts have a million spans."""
+    begun = process_time()
+    assert drawn_case(41, 2031).steps[1][0] > 1000.0
+    assert process_time() - begun < 20.0
 
 
 @pytest.mark.slow(reason="six hundred drawn programs under drawn overrides: 240 s; the quick test has three")

@@ -71,6 +71,9 @@ _HELD = 0.3  # of the duration of the lifted motion is held back for the next pa
 _HUMP = 15  # number of time intervals of a ramp up, a plateau and a ramp down
 _LEAST = 100  # least number of time intervals lifted together, except at the end of a run
 _LITTLE = 0.007  # of the time around a ramp: least saving on a straight path; lifting gains at most 0.7 of that
+# long windows of chords and of arcs with lines have 2,200; a slow plateau of minutes beside ramps of milliseconds would
+# have a million, for nothing
+_MOST = 20_000  # largest number of spans of a section
 _TOP = 0.995  # of the speed allowed by feed and velocity limits: such a plateau is kept
 
 
@@ -270,7 +273,7 @@ class _Path:
         nowhere = np.zeros(0, np.int64)
         time, knots, coefficient, moves = self._spline(motion, end, spans, factors, finer)
         if not moves:
-            return None, time, nowhere  # time intervals without motion except for rounding
+            return None, time, nowhere
         n = len(time) - 1
         looked = self._points(time, knots)
         rows = rows_for(Basis, n)
@@ -337,7 +340,8 @@ class _Path:
         self, motion: Motion, end: State, spans: int, factors: Sequence[float], finer: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
         """Return knot times, knots and coefficients of a spline u'²(u) that approximates a motion and has the states at
-        both ends, as for `_between`, with `finer` as for `_tried`; False if it does not move between two knots.
+        both ends, as for `_between`, with `finer` as for `_tried`; False if there is none: it does not move between two
+        knots, or has too many of them.
         """
         n = len(motion.duration)
         spans = min(spans, n)
@@ -353,6 +357,8 @@ class _Path:
             behind = behind[: spline.instants(lasting, step, edge, behind)]
             time = np.concatenate([time[:-1], time[-1] + behind])
         m = len(time)
+        if m > _MOST:
+            return time, np.zeros(0), np.zeros(0), False
         knots, coefficient, room = np.zeros(m + 6), np.zeros(m + 2), rows_for(Reached, m)
         blended = min(_BLENDED, (m - 4) // 2)
         one, two = factors
