@@ -242,13 +242,14 @@ def test_a_run_that_begins_too_early_is_seen(turned: float, said: str):
 def test_no_place_jumps_where_a_plateau_beside_a_bump_is_as_short_as_rounding(plateau: float):
     """From rest to 36 mm/s and down to a bump: each phase begins where the one before it ends, within 4 ulp."""
     corner, rows = Node(0.02, 0.006, 0.002, 1.0, 0.5), np.zeros((ROWS, 6))
-    line = LineStretch(5e-3, 0.036, *LIMITS[0, 1:].tolist(), Node(0.0), corner)
+    _, acceleration, jerk, snap = LIMITS[0].tolist()
+    line = LineStretch(5e-3, 0.036, acceleration, jerk, snap, Node(0.0), corner)
     count = straight(line, rows)
     longest = int(np.argmax(rows[:count, 0]))
     assert rows[longest, 3:].tolist() == [0.0, 0.0, 0.0]
-    line = line._replace(length=line.length - (rows[longest, 0] - plateau) * line.fastest)
+    line = line._replace(length=line.length - (float(rows[longest, 0]) - plateau) * line.fastest)
     count = straight(line, rows)
-    ends = [x + way(*map(float, (v, a, j, s, T))) for T, x, v, a, j, s in rows[: count - 1]]
+    ends = [x + way(v, a, j, s, T) for T, x, v, a, j, s in rows[: count - 1].tolist()]
     assert np.abs(rows[1:count, 1] - ends).max() <= 4.0 * np.spacing(line.length)
 
 
