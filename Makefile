@@ -19,7 +19,7 @@ help:
 	@echo "make lock    renew locks/dev.txt: the versions and hashes of all that development and CI install (needs uv)"
 	@echo "make slow    the slow proofs, each with its reason (pytest -m slow --collect-only names them)"
 	@echo "make fresh   the drawn tests on new seeds, which it prints (SEEDS=2: some 5 minutes on two cores)"
-	@echo "make mutate  change each equation of the shipped laws a little: a claim of its paper must break (docs/mutants.md); halve and double all constants"
+	@echo "make mutate  change each equation of the shipped laws a little: a claim of its paper must break (docs/internals/mutants.md); halve and double all constants"
 	@echo "make bench   all benchmarks; they print their tables (needs gcc, takes long)"
 	@echo "make docs    build the documentation into site/"
 	@echo "make format  let ruff format and mend the sources, and write the stubs"

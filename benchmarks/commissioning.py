@@ -1,4 +1,4 @@
-"""The table of docs/commissioning.md: drawn commissioning files, each from the file to exported parameters by commands.
+"""The table of docs/how_to/commissioning.md: drawn files, each taken to exported parameters by commands.
 
     python benchmarks/commissioning.py --seed 100 --files 30 --rows rows.jsonl
 

@@ -1,4 +1,4 @@
-"""Make the table of laws found in foreign logs of docs/identification.md (run it with PYTHONPATH=tests).
+"""Make the table of laws found in foreign logs of docs/how_to/identification.md (run it with PYTHONPATH=tests).
 
 Every log comes from `foreign_axis`, which shares no code with feeddrive. A law counts as right if one of the readings
 that are given is the law that ran: cascade or PID, with an integral or without, and each gain within 5 % or within two

@@ -1,4 +1,4 @@
-"""What correlations of an identification are worth: laws tuned over its box with and without them (docs/box.md).
+"""Laws tuned over the box of an identification, with and without its correlations (docs/explanation/box.md).
 
 python benchmarks/correlated.py [--machine machining_center --axis x --noise 0.05 --late 0]
 

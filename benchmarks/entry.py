@@ -1,4 +1,4 @@
-"""From foreign logs to loops that can be tuned (docs/identification.md): `python benchmarks/entry.py --seed 1`.
+"""From foreign logs to loops that can be tuned (docs/how_to/identification.md): `python benchmarks/entry.py --seed 1`.
 
 30 logs of a simulator that shares no code with feeddrive (tests/foreign_axis.py): 5 laws, 3 masses each, with one and
 with two encoders, linear and rotary, with drawn names, units, percent of a rated value, amperes, and decimal commas.

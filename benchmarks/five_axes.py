@@ -149,7 +149,7 @@ def off(joints: np.ndarray, points: np.ndarray, kinematics: Kinematics) -> float
 
 
 def row(name: str, points: np.ndarray, posted: bool = False) -> None:
-    """Print a row of the table of docs/five_axes.md."""
+    """Print a row of the table of docs/explanation/five_axes.md."""
     machine = read_machine("trunnion_ac")
     limits = planned_limits(machine, None)
     kinematics = planned_kinematics(machine, limits)

@@ -1,4 +1,4 @@
-"""Print the table of docs/safety.md: injected faults, cycles until the reaction is commanded, travel against its bound.
+"""Print the table of docs/explanation/safety.md: injected faults, cycles until the reaction, travel against its bound.
 
 PYTHONPATH=src python benchmarks/safety.py [faults of each class] [healthy motions] [classes]
 

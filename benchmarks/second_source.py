@@ -4,7 +4,7 @@
 
 Two logs of each axis come from the simulator of the tests, which shares no code with feeddrive: axes, friction, noise,
 counts and gains are drawn, each log has a move of its own, and the law is the same in both.  In the second log the
-clock or the force is stated wrong by a factor.  The table of docs/identification.md is that of seeds 1, 2 and 3.
+clock or the force is stated wrong by a factor.  The table of docs/how_to/identification.md is that of seeds 1, 2 and 3.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     python benchmarks/setpath.py [--part plan|drawn|log|path|others] [--machines 50] [--seed 1] [--json figures.json]
 
-Targets are those of the tables in docs/setpath.md; a row prints "missed" where one is not reached.  CPU is that of this
-process.
+Targets are those of the tables in docs/how_to/setpath.md; a row prints "missed" where one is not reached.  CPU is
+that of this process.
 """
 
 from __future__ import annotations

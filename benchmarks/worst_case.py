@@ -378,7 +378,7 @@ LAWS: dict[str, Law] = {
 
 
 def main() -> None:
-    """The table of docs/step_cost.md."""
+    """The table of docs/internals/step_cost.md."""
     print("| law | core | | instructions: least | most | bound | cycles: most | bound | stack | bound |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     for name, law in LAWS.items():

@@ -1,4 +1,4 @@
-"""Remakes the tables of rules 2 in docs/benchmark.md, and docs/images/benchmark.png, from the stored designs.
+"""Remakes the tables of rules 2 in docs/reference/benchmark.md, and docs/images/benchmark.png, from the stored designs.
 
 python docs/draw_benchmark.py [--kept FOLDER]     five to six minutes of processor time
 
@@ -14,7 +14,7 @@ from feeddrive.benchmark.report import markdown
 from feeddrive.benchmark.rules import read_rules
 from feeddrive.evaluation import Engine, Folder
 
-PAGE = Path(__file__).parent / "benchmark.md"
+PAGE = Path(__file__).parent / "reference/benchmark.md"
 BEGIN, END = "<!-- tables of docs/draw_benchmark.py -->\n", "<!-- end of the tables -->\n"
 
 

@@ -1,4 +1,4 @@
-"""Runs the comparisons for docs/laws/comparison.md: tables as Markdown on the output, pictures into docs/images.
+"""Runs the comparisons for docs/reference/laws/comparison.md: tables as Markdown on the output, pictures as SVG.
 
 python docs/draw_comparison.py [KEPT]     KEPT: a directory in which finished laws are kept, to go on after a stop
 """

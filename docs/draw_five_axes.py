@@ -1,4 +1,4 @@
-"""Remakes pictures and tables of docs/five_axes.md: a held tip, the parts of the joints, what errors of axes draw.
+"""Remakes pictures and tables of docs/explanation/five_axes.md: a held tip, parts of the joints, errors of axes.
 
 python docs/draw_five_axes.py            docs/images/held_tip.svg and tip_joints.svg
 python docs/draw_five_axes.py --tables   the waves of location errors; the loops of four machines

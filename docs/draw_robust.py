@@ -1,4 +1,4 @@
-"""Runs the comparisons of docs/box.md: laws at equal robustness at the model, and at equal robustness over a box.
+"""Runs the comparisons of docs/explanation/box.md: laws at equal robustness, at the model and over a box.
 
 python docs/draw_robust.py [--machine ball_screw] [--kept FOLDER]     writes pictures into docs/images, and the table
 

@@ -1,4 +1,4 @@
-"""Remakes picture and tables of docs/travel.md: schedules over the travel of a long screw.
+"""Remakes picture and tables of docs/explanation/travel.md: schedules over the travel of a long screw.
 
 python docs/draw_travel.py            docs/images/travel.svg, with the positions at which the schedule is proven
 python docs/draw_travel.py --tables   what schedules gain at each place, and the bounds on what any schedule can gain
@@ -75,7 +75,7 @@ def bound(travel: Travel, law: str, goal: str, filters: str) -> float:
 
 
 def tables(travel: Travel) -> None:
-    """Print both tables of docs/travel.md."""
+    """Print both tables of docs/explanation/travel.md."""
     heads = [Column(f"{x:g} m", "share") for x in PLACES]
     print(
         Table("a schedule against fixed gains", ["law", "goal", *heads, Column("worst", "share")], list(gains(travel)))

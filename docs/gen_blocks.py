@@ -32,14 +32,16 @@ from feeddrive.workflow.schemas import FILES, schemas
 ROOT = Path(__file__).parent.parent
 WHOLE = ("GLOSSARY.md", "DESIGN.md", "CONTRIBUTING.md", "CHANGELOG.md")
 PUBLISHED = (".md", ".svg", ".png", ".json")  # what a page may link to
+BLOCKS = "reference/blocks"
 LOOP = ("Loop", "Axis", "Control", "Guard")
 
 
 def on_config(config: Any) -> Any:
     """One entry of the navigation for each family of blocks."""
-    families = [{"The loop": [f"blocks/{getattr(feeddrive, name).kind}.md" for name in LOOP]}]
+    families = [{"The loop": [place(getattr(feeddrive, name)) for name in LOOP]}]
     families += [{title(family): [place(block) for block in members]} for family, members in families_of_blocks()]
-    config.nav.insert(5, {"Blocks": families})
+    reference = next(part["Reference"] for part in config.nav if "Reference" in part)
+    reference.append({"Blocks": families})
     return config
 
 
@@ -50,10 +52,11 @@ def on_files(files: Any, config: Any) -> Any:
         files.append(File.generated(config, name, content=re.sub(r"\]\(docs/", "](", text)))
     for block in all_blocks():
         files.append(File.generated(config, place(block), content=page(block)))
-    files.append(File.generated(config, "python.md", content=python()))
-    files.append(File.generated(config, "keys.md", content=keys()))
+    files.append(File.generated(config, "reference/python.md", content=python()))
+    files.append(File.generated(config, "reference/keys.md", content=keys()))
     for name, schema in schemas().items():
-        files.append(File.generated(config, f"schema/{name}.schema.json", content=json.dumps(schema, indent=1)))
+        place_of = f"reference/schema/{name}.schema.json"
+        files.append(File.generated(config, place_of, content=json.dumps(schema, indent=1)))
     return files
 
 
@@ -99,7 +102,7 @@ def title(family: type[Block]) -> str:
 
 def place(block: type[Block]) -> str:
     """Where a block's page stands."""
-    return f"blocks/{block.kind}.md"
+    return f"{BLOCKS}/{block.kind}.md"
 
 
 def docstring(thing: Any) -> str:
@@ -150,7 +153,7 @@ def keys() -> str:
         "# Keys of files",
         "",
         "Every key, its unit, meaning and bounds, as the files are read. A number may be given in another unit of the "
-        "same dimension, which its key then names: `duration_min`. [Blocks](index.md) are chosen by `kind` and have "
+        "same dimension, which its key then names: `duration_min`. [Blocks](../index.md) are chosen by `kind` and have "
         "pages of their own; [Units and files](files.md) explains the files.",
         "",
     ]
@@ -172,7 +175,11 @@ def keys_of(section: type[Section], key: str, shown: set[type[Section]], *, many
         hint = hints(section).get(name)
         if declared.inline:
             kind = hint.classes[0]
-            link = f"[{kind.__name__}]({place(kind)})" if issubclass(kind, Block) else kind.__name__
+            link = (
+                f"[{kind.__name__}]({place(kind).removeprefix('reference/')})"
+                if issubclass(kind, Block)
+                else kind.__name__
+            )
             yield f"| those of {link} |  | {declared.meaning} |  |  |"
         else:
             yield row(section, name, declared)
@@ -191,7 +198,7 @@ def python() -> str:
     lines = [
         "# Python",
         "",
-        "Names of `feeddrive` and of its rooms; [blocks](index.md) are in `fd.blocks`.",
+        "Names of `feeddrive` and of its rooms; [blocks](../index.md) are in `fd.blocks`.",
         "",
     ]
     places = {"feeddrive": public_names("feeddrive")}

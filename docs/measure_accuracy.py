@@ -1,4 +1,4 @@
-"""Measures the figures of docs/accuracy.md and prints them; about two minutes.
+"""Measures the figures of docs/reference/accuracy.md and prints them; about two minutes.
 
     python docs/measure_accuracy.py [--points 400000]
 

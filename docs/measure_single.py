@@ -1,4 +1,4 @@
-"""Measures what single precision costs a control, law by law, and prints the table of docs/cortex_m.md; a minute.
+"""Measures what single precision costs a control, law by law, and prints the table of docs/how_to/cortex_m.md.
 
     python docs/measure_single.py
 

@@ -1,8 +1,8 @@
 """XML files as a SINUMERIK tuning tool writes them, of random axes whose numbers are known.
 
-The form follows the public facts of the format (docs/commissioning.md): it is written here from these facts alone, with
-an encoder of its own.  The axes are closed forms over frequency, noise is that of an averaged estimate: no line of
-feeddrive computes them.
+The form follows the public facts of the format (docs/how_to/commissioning.md): it is written here from these facts
+alone, with an encoder of its own.  The axes are closed forms over frequency, noise is that of an averaged estimate: no
+line of feeddrive computes them.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ def free_port() -> int:
 class DaskCluster:
     """A scheduler at `address` and workers of one thread each; a nanny starts a worker again that was killed.
 
-    tls  a folder with the certificates that docs/security.md makes; without it the cluster uses no TLS
+    tls  a folder with the certificates that docs/reference/security.md makes; without it the cluster uses no TLS
     """
 
     def __init__(self, folder: Path, tls: Path | None = None) -> None:

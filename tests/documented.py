@@ -14,8 +14,9 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 
 def claims_documented(author: str) -> int:
-    """Return how many claims docs/reproduced.md states for the paper whose row begins with this author."""
-    found = re.search(rf"(?m)^\| {author}[^|]*\| (\d+) \|", (DOCS / "reproduced.md").read_text(encoding="utf-8"))
+    """Return how many claims docs/reference/reproduced.md states for the paper whose row begins with this author."""
+    page = (DOCS / "reference" / "reproduced.md").read_text(encoding="utf-8")
+    found = re.search(rf"(?m)^\| {author}[^|]*\| (\d+) \|", page)
     assert found, author
     return int(found[1])
 

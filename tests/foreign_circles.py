@@ -1,6 +1,6 @@
 """Circles of tables from a simulator that shares no code with feeddrive, with friction alone or with true faults.
 
-python tests/foreign_circles.py 50 1          # 50 tables of seed 1: the table of docs/machining.md
+python tests/foreign_circles.py 50 1          # 50 tables of seed 1: the table of docs/how_to/machining.md
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
     PYTHONPATH=src:tests python tests/foreign_machines.py [--samples 20000] [--machine s390x] [--loop NAME] [--seed 1]
 
-prints the table of docs/c_quality.md, a row a machine; what is not installed is a row NOT RUN with what to install.
+prints the table of docs/internals/c_quality.md, a row a machine; one missing is a row NOT RUN with what to install.
 The loops are all those of the tests that a machine file can hold, and those of the bundled machine files.
 """
 

@@ -1,6 +1,6 @@
 """Trials of axes from a simulator that shares no code with feeddrive, with true mass and friction.
 
-python tests/foreign_trials.py            # the table of docs/laws/iterative-feedforward.md
+python tests/foreign_trials.py            # the table of docs/reference/laws/iterative-feedforward.md
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A mutation run: each equation of the shipped laws is changed a little, and a claim of its own paper must break.
 
-`make mutate` writes docs/mutants.md.  A mutant is the source of one function with one sign, one gain (5 %) or one
-sample of delay changed, compiled in memory and put in its place in a process of its own.  Only the rows whose claims
-name the equation are run.
+`make mutate` writes docs/internals/mutants.md.  A mutant is the source of one function with one sign, one gain (5 %)
+or one sample of delay changed, compiled in memory and put in its place in a process of its own.  Only the rows whose
+claims name the equation are run.
 """
 
 from __future__ import annotations
@@ -592,7 +592,7 @@ def run(papers: tuple[str, ...] = PAPERS, processes: int = 2) -> list[tuple[Muta
     return found
 
 
-PAGE = Path(__file__).parents[1] / "docs" / "mutants.md"
+PAGE = Path(__file__).parents[1] / "docs" / "internals" / "mutants.md"
 BELOW = "<!-- below this line written by make mutate -->"
 
 

@@ -21,7 +21,7 @@ from slow_share import all_but
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
-GENERATED = {"docs/python.md", "docs/keys.md"}  # pages that exist only in the built site
+GENERATED = {"docs/reference/python.md", "docs/reference/keys.md"}  # pages that exist only in the built site
 COMPILER = next((found for name in ("gcc", "cc", "clang") if (found := shutil.which(name))), None)
 COMMANDS = ("console", "sh", "text", "powershell")
 
@@ -47,7 +47,15 @@ def with_python() -> list[Path]:
 
 LONG = [
     ROOT / "docs" / name
-    for name in ("commission.md", "tuning.md", "laws/comparison.md", "fmu.md", "scale.md", "yield.md", "linuxcnc.md")
+    for name in (
+        "how_to/commission.md",
+        "how_to/tuning.md",
+        "reference/laws/comparison.md",
+        "how_to/fmu.md",
+        "how_to/scale.md",
+        "explanation/yield.md",
+        "how_to/linuxcnc.md",
+    )
 ]
 
 
@@ -154,7 +162,7 @@ WRITTEN = {"smith_law.py", "spring_damper.py"}
 def test_source_files_that_are_named_exist():
     """In documents and docstrings; a name with folders is the end of a path."""
     files = [f"/{path.relative_to(ROOT).as_posix()}" for path in ROOT.rglob("*.py") if ".venv" not in path.parts]
-    texts = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("src/**/*.py")]
+    texts = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("src/**/*.py")]
     gone = [
         f"{path.relative_to(ROOT)}: {name}"
         for path in texts
@@ -196,7 +204,8 @@ def test_the_files_of_the_documentation_are_read(tmp_path: Path, monkeypatch: py
     from feeddrive.files.job import read_job
     from feeddrive.files.machine import read_machine
 
-    found = [code for code in blocks(ROOT / "docs/files.md", "toml") if "[axis.x]" in code or "[[law]]" in code]
+    page = ROOT / "docs/reference/files.md"
+    found = [code for code in blocks(page, "toml") if "[axis.x]" in code or "[[law]]" in code]
     assert len(found) == 2
     (tmp_path / "my_mill.toml").write_text(found[0], encoding="utf-8")
     (tmp_path / "job.toml").write_text(found[1], encoding="utf-8")
@@ -208,7 +217,7 @@ def test_the_error_that_the_documentation_shows_is_the_one_that_comes(tmp_path: 
     from feeddrive.files.machine import read_machine
     from feeddrive.language.errors import FeeddriveError
 
-    page = ROOT / "docs/files.md"
+    page = ROOT / "docs/reference/files.md"
     machine = next(code for code in blocks(page, "toml") if "[axis.x]" in code)
     wrong = tmp_path / "my_mill.toml"
     wrong.write_text(machine.replace("mass_load = 260.0", "mass_load = -260"), encoding="utf-8")
@@ -248,7 +257,7 @@ def test_the_page_of_the_keys_has_each_that_a_file_may_hold():
 @pytest.mark.slow(reason="a page of commands is walked; every command and option of it is checked quickly")
 def test_the_first_axis_prints_what_its_page_shows(tmp_path: Path):
     """The tables of the tutorial, line by line; the log of EMPS is not needed."""
-    page = ROOT / "docs/first-axis.md"
+    page = ROOT / "docs/tutorials/first-axis.md"
     machine, job = blocks(page, "toml")
     (tmp_path / "my_axis.toml").write_text(machine, encoding="utf-8")
     (tmp_path / "my_job.toml").write_text(job, encoding="utf-8")
@@ -263,7 +272,7 @@ def test_the_first_axis_prints_what_its_page_shows(tmp_path: Path):
 @pytest.mark.slow(reason="a page of ten commands is walked; every command and option of it is checked quickly")
 def test_the_afternoon_goes_as_its_page_shows(tmp_path: Path):
     """From excitation to certificate, one command after the other in one folder."""
-    for console in blocks(ROOT / "docs/afternoon.md", "console"):
+    for console in blocks(ROOT / "docs/tutorials/afternoon.md", "console"):
         if "feeddrive verify" in console and COMPILER is None:
             pytest.skip("NOT TESTED to its end: `feeddrive verify` needs a compiler: apt-get install gcc libc6-dev")
         assert_prints(console, tmp_path, 0)
@@ -294,7 +303,7 @@ def consoles_below(page: Path, heading: str) -> list[str]:
 @pytest.mark.parametrize(("page", "heading", "law"), ONTO_A_MACHINE, ids=[law for *_, law in ONTO_A_MACHINE])
 def test_a_law_gets_onto_a_machine_by_the_same_commands(page: str, heading: str, law: str):
     """Tune, prove, check, simulate, export, each with something printed; learned feedforward is learned first."""
-    consoles = consoles_below(ROOT / "docs/laws" / page, heading)
+    consoles = consoles_below(ROOT / "docs/reference/laws" / page, heading)
     commands = [shlex.split(console.splitlines()[0].removeprefix("$ ")) for console in consoles]
     first = ["iterate"] if page == "iterative-feedforward.md" else []
     assert [words[1] for words in commands] == [*first, "tune", "certify", "check", "run", "export"]
@@ -303,7 +312,7 @@ def test_a_law_gets_onto_a_machine_by_the_same_commands(page: str, heading: str,
     assert all(len(console.splitlines()) > 1 for console in consoles)
     # the index names every page that has the recipe
     anchor = f"{page}#{slug(heading)}"
-    assert anchor in (ROOT / "docs/laws/index.md").read_text(encoding="utf-8")
+    assert anchor in (ROOT / "docs/reference/laws/index.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow(reason="a search, a compiled run and three more commands; their order is checked quickly")
@@ -311,16 +320,16 @@ def test_a_law_gets_onto_a_machine_by_the_same_commands(page: str, heading: str,
 def test_the_commands_that_get_a_law_onto_a_machine_print_what_its_page_shows(
     page: str, heading: str, law: str, tmp_path: Path
 ):
-    (job,) = blocks(ROOT / "docs/laws/index.md", "toml")
+    (job,) = blocks(ROOT / "docs/reference/laws/index.md", "toml")
     (tmp_path / "move.toml").write_text(job, encoding="utf-8")
-    for console in consoles_below(ROOT / "docs/laws" / page, heading):
+    for console in consoles_below(ROOT / "docs/reference/laws" / page, heading):
         assert_prints(console, tmp_path, 0)
     assert list((tmp_path / "export").glob("*.c"))
 
 
 def walked(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """A page of a shop from its measurement on: Python, the machine file, all commands; its text."""
-    page = ROOT / "docs" / name
+    page = ROOT / "docs" / "tutorials" / name
     monkeypatch.chdir(folder)
     (writes,) = blocks(page, "python")
     exec(compile(writes, shown(page), "exec"), namespace("shop", monkeypatch))
@@ -409,7 +418,7 @@ def test_the_site_builds_without_a_warning(tmp_path: Path):
     asked = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
     done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=240, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    page = (tmp_path / "site/blocks/cascade_ppi/index.html").read_text(encoding="utf-8")
+    page = (tmp_path / "site/reference/blocks/cascade_ppi/index.html").read_text(encoding="utf-8")
     assert "position gain" in page
     assert "1/s" in page
 

@@ -1,4 +1,4 @@
-"""A folder that somebody sent is read, and nothing in it is run: docs/security.md."""
+"""A folder that somebody sent is read, and nothing in it is run: docs/reference/security.md."""
 
 from __future__ import annotations
 

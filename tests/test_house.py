@@ -1,4 +1,4 @@
-"""docs/house.md: what it names exists, its rooms are the folders, and on its walks each function calls the next."""
+"""docs/internals/house.md: what it names exists, its rooms are the folders, functions of a walk call each other."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ import feeddrive as fd
 import no_pictures
 
 SOURCE = Path(fd.__file__).parent
-DOCS = Path(__file__).parents[1] / "docs"
-TEXT = (DOCS / "house.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "docs" / "internals" / "house.md").read_text(encoding="utf-8")
 
 
 def place(name: str) -> Path:
-    return DOCS.parent / name if name.startswith("docs/") else SOURCE / name
+    return ROOT / name if name.startswith("docs/") else SOURCE / name
 
 
 def test_files_and_folders_exist() -> None:

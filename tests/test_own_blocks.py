@@ -352,7 +352,7 @@ def test_a_law_without_a_slope_passes_the_battery(folder: Path) -> None:
 
 @pytest.mark.slow(reason="the page of ten commands in a fresh environment: a minute")
 def test_the_page_is_walked_from_an_empty_folder(folder: Path) -> None:
-    """Every command of docs/own_law.md in its order; the package is installed into an environment of its own."""
+    """Every command of docs/tutorials/own_law.md in its order; the package is installed into its own environment."""
     subprocess.run([sys.executable, "-m", "venv", str(folder / "env")], check=True)
     site = next((folder / "env" / "lib").glob("python*/site-packages"))
     # no network: feeddrive and what it needs are those of this interpreter
@@ -360,7 +360,7 @@ def test_the_page_is_walked_from_an_empty_folder(folder: Path) -> None:
     (site / "beside.pth").write_text("\n".join(beside), encoding="utf-8")
     python, here = str(next((folder / "env").glob("*/python"))), folder
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("PYTEST", "PYTHONPATH"))}
-    page = (Path(__file__).parents[1] / "docs" / "own_law.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[1] / "docs" / "tutorials" / "own_law.md").read_text(encoding="utf-8")
     consoles = re.findall(r"^```console\n\$ (.*)\n((?:.*\n)*?)```", page, re.MULTILINE)
     assert len(consoles) == 9
     for command, printed in consoles:

@@ -506,7 +506,7 @@ def test_faults_under_a_control_end_the_motion_with_the_drive_off(vertical: bool
             # a reading that slips shows in the velocity only where it slips by enough
             assert played.aborted is not None or kind == "gear", where
             assert bench.firmware.state is not PowerState.ENABLED, where
-            # it coasts where its force is off, as in every mode (docs/safety.md)
+            # it coasts where its force is off, as in every mode (docs/explanation/safety.md)
             assert beyond < (0.06 if kind == "sign" else 0.015), where
 
 

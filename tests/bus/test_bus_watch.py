@@ -66,7 +66,7 @@ def acting(run: Run, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def tightest(run: Run, i: int) -> float:
-    """The least limits.following_error that docs/drive_bus.md allows for this healthy motion, m."""
+    """The least limits.following_error that docs/how_to/drive_bus.md allows for this healthy motion, m."""
     c = run.count[i]
     position, velocity, _ = acting(run, i)
     told = np.nan_to_num(np.abs(run.following_error[:, i]))

@@ -22,7 +22,7 @@ from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
 from plain_drive import Cascade, HalPid, PlainAxis, write_columns
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[2] / "docs" / "tutorials"
 PAGES = sorted(DOCS.glob("shop_*.md"))
 _CODE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 _SPAN = re.compile(r"`(feeddrive [^`]+)`")

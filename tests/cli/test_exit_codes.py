@@ -622,7 +622,7 @@ def test_every_judgment_is_provoked() -> None:
 
 
 def test_the_table_of_the_docs_is_that_of_the_code() -> None:
-    page = (Path(__file__).parents[2] / "docs/files.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs/reference/files.md").read_text(encoding="utf-8")
     page = page.partition("| command | judgment | code |")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \| (\d) \|$", page, re.MULTILINE)
     assert rows == [(each.commands, each.says, str(each.exit_code)) for each in Judgment]

@@ -94,7 +94,7 @@ def error_classes() -> dict[str, type[FeeddriveError]]:
 
 def test_every_error_has_the_code_of_the_table_and_ends_with_it(monkeypatch, capsys) -> None:
     """The table of the docs names every class once, under the code with which `main` ends."""
-    page = (Path(__file__).parents[2] / "docs/files.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs/reference/files.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (\d+) \| [^|]* \| ([^|]*) \|$", page, re.MULTILINE)
     told = {name: int(code) for code, names in rows for name in re.findall(r"`(\w+)`", names)}
     classes = error_classes()

@@ -1,4 +1,4 @@
-"""From a log of one's own to an exported, verified loop: the commands of docs/from_your_log.md, as they are typed.
+"""From a log to an exported, verified loop: the commands of docs/tutorials/from_your_log.md, as they are typed.
 
 The logs come from the foreign simulator (`foreign_axis`), with the names and units of each shop.  Each `Next:` line
 names the command, the file and the options of the page's next line, which adds where to write and limits of its own.
@@ -23,7 +23,7 @@ from feeddrive.cli.commands import app
 from feeddrive.files.machine import read_machine
 from feeddrive.language import tree
 
-PAGE = Path(__file__).parents[2] / "docs" / "from_your_log.md"
+PAGE = Path(__file__).parents[2] / "docs" / "tutorials" / "from_your_log.md"
 COMPILER = next((found for name in ("gcc", "cc", "clang") if (found := shutil.which(name))), None)
 T = 1e-3
 MOVES = fa.smooth_moves(T, (0.1, 0.0) * 2, 0.2, 2.0, 80.0, 0.15, 0.2)

@@ -74,7 +74,7 @@ def test_the_color_of_a_ratio_ends_between_6_and_10(ratio: float, saturated: boo
 def test_a_compensator_learns_in_as_many_trials_as_the_document_says(
     loop: Loop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "laws" / "comparison.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "reference" / "laws" / "comparison.md").read_text(encoding="utf-8")
     assert "learned in six trials of the move" in text
     trials = list[int]()
 

@@ -25,7 +25,7 @@ from small_study import small_study
 if TYPE_CHECKING:
     from dask_cluster import DaskCluster
 
-PAGE = Path(__file__).parents[2] / "docs" / "security.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "security.md"
 WARNING = "is neither local nor reached by TLS: everyone who reaches its port can run code"
 STUDY = small_study(8, 4)
 

@@ -18,7 +18,7 @@ from feeddrive.export.layout import layout
 from feeddrive.loop.routine import controller_routine
 from slow_share import all_but
 
-# rule -> why it is not kept; docs/c_quality.md has the same list
+# rule -> why it is not kept; docs/internals/c_quality.md has the same list
 DEVIATIONS = {
     "2.5": "names for the codes of `trip` are there for the caller",
     "2.7": "a processor without a mode for tiny numbers ignores the one that it is given back",

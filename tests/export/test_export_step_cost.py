@@ -67,7 +67,7 @@ def test_exported_c_takes_no_more_than_a_fifth_over_c_by_hand(name: str):
     usual = ours["usual"]
     assert ours["subnormal setpoint"] == usual  # no number is slower than another
     assert abs(ours["saturated"] - usual) <= 3.0  # pole placement freezes its integral
-    assert max(ours.values()) <= usual + 40.0  # what hangs on faults is bounded: see docs/step_cost.md
+    assert max(ours.values()) <= usual + 40.0  # what hangs on faults is bounded: see docs/internals/step_cost.md
 
 
 BOUNDS = {"p_pi": (121, 160), "pole_placement": (151, 191), "gpi": (305, 341)}  # usual and most; gcc 12.2
@@ -75,7 +75,7 @@ BOUNDS = {"p_pi": (121, 160), "pole_placement": (151, 191), "gpi": (305, 341)}  
 
 @needs_core
 def test_parts_of_the_guard_that_are_left_out_are_not_paid_for() -> None:
-    """P-PI in float on an M4F: usual and most; 5 % as below, the figures of docs/step_cost.md."""
+    """P-PI in float on an M4F: usual and most; 5 % as below, the figures of docs/internals/step_cost.md."""
     law = step_cost.LAWS["p_pi"]
     bare = step_cost.core_cost(step_cost.design(law, "float", (), None))
     least = step_cost.core_cost(step_cost.design(law, "float", (), step_cost.LEAST))

@@ -47,7 +47,7 @@ from feeddrive.loop.routine import controller_routine
 from feeddrive.loop.simulate import simulate
 from feeddrive.workflow.export import VerifyRequest
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[2] / "docs" / "how_to"
 COLUMNS = 120  # of a line that a person reads, in C and in Structured Text
 
 

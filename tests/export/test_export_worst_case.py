@@ -1,4 +1,4 @@
-"""The bound of a step from its instruction listing, and what an emulated core executes, against docs/step_cost.md."""
+"""The bound of a step from its instruction listing, and an emulated core, against docs/internals/step_cost.md."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import step_cost  # noqa: E402
 import worst_case  # noqa: E402
 from worst_case import Bound, Instruction, ListingError, bound, cycles  # noqa: E402
 
-DOCUMENT = FOLDER.parent / "docs" / "step_cost.md"
+DOCUMENT = FOLDER.parent / "docs" / "internals" / "step_cost.md"
 NAMES = {
     "P-PI": "p_pi",
     "pole placement": "pole_placement",

@@ -1,6 +1,6 @@
 """Wrong and right roles of logs from a simulator that shares no code with the package: what is said, and how often.
 
-python tests/files/test_doubts_of_foreign_logs.py 401 402 403      # the figures of docs/files.md
+python tests/files/test_doubts_of_foreign_logs.py 401 402 403      # the figures of docs/reference/files.md
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ def loop_of(law: fd.blocks.CascadePPI | fd.blocks.LinuxcncPid, drive: Drive, T: 
 
 @cache
 def shop(mass: float, count: float) -> tuple[MotionLog, Pid, Drive]:
-    """The axis of docs/shop_linuxcnc.md, its gains in SI, with another mass and count."""
+    """The axis of docs/tutorials/shop_linuxcnc.md, its gains in SI, with another mass and count."""
     c = 1e3 * 753.98
     law = Pid(20.0 * c, 20.0 * c, 0.5 * c, 0.004 * c, 0.002 * c)
     drive = Drive(mass, 420.0, 3000.0, dead_time=0.0008, count=count)
@@ -92,7 +92,7 @@ def test_counts_through_a_velocity_gain_speak_against_no_law(mass: float, count:
     log, law, drive = shop(mass, count)
     found = identify_motion(log, loop_of(law_of(law), drive, 1e-3))
     if (mass, count) == (1000.0, 2e-5):
-        # one of the eight is refused (docs/identification.md): its fit leaves 20 % beyond what counts make
+        # one of the eight is refused (docs/how_to/identification.md): its fit leaves 20 % beyond what counts make
         assert found.rigid.left > 0.15
         return
     assert found.recommendation.startswith("Use these values"), found.recommendation

@@ -1,4 +1,4 @@
-"""Faults of logs are refused or named with their cause, or leave the mass as it is (docs/identification.md).
+"""Faults of logs are refused or named with their cause, or leave the mass as it is (docs/how_to/identification.md).
 
 `log_faults` has the faults; `python benchmarks/faults_of_logs.py --seed 1` makes the table.
 """

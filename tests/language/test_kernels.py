@@ -403,7 +403,7 @@ def test_whole_numbers_end_at_64_bits():
 
 
 def test_angles_have_the_bits_of_laws():
-    """What `ops` gives in a law, whose accuracy docs/accuracy.md states."""
+    """What `ops` gives in a law, whose accuracy docs/reference/accuracy.md states."""
     for x in (0.3, -7.0, 1e6, 1e10, math.nan):
         found = kernel_constructs.angles(x, 0.5, 0)
         expected = ops.sin(x) + 1.0, ops.cos(x), ops.atan(x), ops.atan2(0.5, x), ops.tan(x)

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from feeddrive.language import ops
 from feeddrive.language.graph import ELEMENTARY
 
-# The largest error in units in the last place, as docs/accuracy.md states it for each function.
-STATED = Path(__file__).parents[2] / "docs" / "accuracy.md"
+# The largest error in units in the last place, as docs/reference/accuracy.md states it for each function.
+STATED = Path(__file__).parents[2] / "docs" / "reference" / "accuracy.md"
 BOUNDS = {
     name: float(bound)
     for name, bound in re.findall(r"^\| `(\w+)` \|.*\| ([\d.]+) \|$", STATED.read_text(encoding="utf-8"), re.MULTILINE)

@@ -16,8 +16,8 @@ from feeddrive.language import single
 from feeddrive.language.graph import ELEMENTARY, Graph
 from feeddrive.language.single import single_values
 
-# The largest error in units in the last place, as docs/accuracy.md states it for each function.
-STATED = Path(__file__).parents[2] / "docs" / "accuracy.md"
+# The largest error in units in the last place, as docs/reference/accuracy.md states it for each function.
+STATED = Path(__file__).parents[2] / "docs" / "reference" / "accuracy.md"
 BOUNDS = {
     name: float(bound)
     for name, bound in re.findall(r"^\| `single\.(\w+)` \|.*\| ([\d.]+) \|$", STATED.read_text("utf-8"), re.MULTILINE)

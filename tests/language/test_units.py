@@ -51,9 +51,10 @@ def test_sizes():
 
 
 def spellings() -> list[tuple[str, str, float]]:
-    """The rows of the table in docs/files.md: as written, in SI, and how many times that."""
+    """The rows of the table in docs/reference/files.md: as written, in SI, and how many times that."""
     rows: list[tuple[str, str, float]] = []
-    for line in (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8").splitlines():
+    page = Path(__file__).parents[2] / "docs" / "reference" / "files.md"
+    for line in page.read_text(encoding="utf-8").splitlines():
         found = re.fullmatch(r"\| (`[^|]+`) \| `([^`]+)` \| ([0-9.e-]+) \|", line)
         if found:
             rows += [(each, found[2], float(found[3])) for each in re.findall(r"`([^`]+)`", found[1])]

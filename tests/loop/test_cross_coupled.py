@@ -147,7 +147,7 @@ def test_a_circle_shrinks_by_a_quarter_of_it():
 
 
 def test_axes_that_differ_and_axes_that_stick_on_a_circle():
-    """docs/laws/field.md, 11.b, 11.c: RMS contour errors of the circle, Kv of y a tenth lower, and dry friction.
+    """docs/reference/laws/field.md, 11.b, 11.c: RMS contour errors, Kv of y a tenth lower, and dry friction.
 
     Stated for a form that shifts set positions (100.5 to 25.3 um, and 12.9 um without); here a velocity is added: 4 %.
     """

@@ -126,8 +126,8 @@ def test_the_documentation_adds_its_claims_up_and_says_them_once() -> None:
     many = sum(claims_documented(author) for author in ("Altintas", "Gordon", "Beltrán", "Wu"))
     dadsc = f"`feeddrive reproduce altintas2009` prints {claims_documented('Altintas')} claims"
     said = {
-        DOCS / "reproduced.md": f"Every one of the {many} claims holds",
-        DOCS / "laws" / "dadsc.md": dadsc,
+        DOCS / "reference" / "reproduced.md": f"Every one of the {many} claims holds",
+        DOCS / "reference" / "laws" / "dadsc.md": dadsc,
         DOCS.parent / "README.md": f"[{many} claims]",
     }
     assert [page for page, words in said.items() if words not in page.read_text(encoding="utf-8")] == []

@@ -180,7 +180,7 @@ def test_every_claim_holds_and_the_page_has_its_figures() -> None:
     page = Reproduced(found).page
     assert "Nothing was measured under the laws" in page
     assert page.count("<svg") >= 2
-    documented = (DOCS / "measured_axis.md").read_text(encoding="utf-8")
+    documented = (DOCS / "explanation" / "measured_axis.md").read_text(encoding="utf-8")
     rows = [*found.tables[0].grid().rows, *found.tables[1].grid().rows]
     shown = re.findall(r"(?m)^\| (.+) \|$", documented)
     for row in rows:

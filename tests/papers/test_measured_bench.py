@@ -101,7 +101,7 @@ def test_every_claim_holds_and_the_page_has_its_figures() -> None:
     page = Reproduced(found).page
     assert "Nothing was measured under these laws" in page
     assert page.count("<svg") >= 2
-    documented = (DOCS / "measured_axis.md").read_text(encoding="utf-8")
+    documented = (DOCS / "explanation" / "measured_axis.md").read_text(encoding="utf-8")
     shown = [
         [cell.strip().strip("`*") for cell in line.split(" | ")] for line in re.findall(r"(?m)^\| (.+) \|$", documented)
     ]

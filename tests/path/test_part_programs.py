@@ -450,7 +450,7 @@ def test_subroutines_loops_and_conditions(tmp_path: Path):
 
 def test_the_page_names_each_code():
     """Each code of the tables stands in the right row of the page: read here, through rs274, or by nobody."""
-    page = (Path(__file__).parents[2] / "docs" / "part_programs.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "part_programs.md").read_text(encoding="utf-8")
     rows = re.findall(r"(?m)^\| ([a-z, `0-9]+) \| (.*[GM]\d.*) \|$", page)
     found = {name: row for row, codes in rows for name in re.findall(r"[GM]\d+(?:\.\d)?", codes)}
     for letter, table in (("g", G_CODES), ("m", M_CODES)):

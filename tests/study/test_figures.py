@@ -18,7 +18,7 @@ from feeddrive.language.errors import ParameterError, UnstableError
 from feeddrive.loop.simulate import simulate, simulate_batch
 from feeddrive.study.study import Bound
 
-PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
+PAGE = Path(__file__).parents[2] / "docs" / "how_to" / "studies.md"
 LOOP = read_job("ball_screw").loops["today"]
 
 

@@ -91,7 +91,7 @@ def test_what_a_law_cannot_keep_is_refused_with_what_it_can(screw: fd.Loop) -> N
 def test_all_laws_are_here(screw: fd.Loop) -> None:
     """Those with an observer of another law are proven with the published table of the comparison.
 
-    The laws of docs/laws/field.md have tests of their own, and stored designs in the benchmark.
+    The laws of docs/reference/laws/field.md have tests of their own, and stored designs in the benchmark.
     """
     laws = ("P-PI", "DADSC", "super-twisting")
     others = {f"{law} + {observer} recovery" for law in laws for observer in ("Kalman", "GPI")}

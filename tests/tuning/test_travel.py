@@ -61,7 +61,7 @@ def test_no_place_is_worse_than_with_fixed_gains_and_the_limits_hold_between_the
     for old, new in zip(tuned.before, tuned.after, strict=True):
         # a thousandth: where the worst place decides, both searches end at the same gains
         assert new.goal < 1.001 * old.goal
-    # docs/travel.md: 69, 18 and 0 % at the three places
+    # docs/explanation/travel.md: 69, 18 and 0 % at the three places
     better = [old.goal / new.goal - 1.0 for old, new in zip(tuned.before[::4], tuned.after[::4], strict=True)]
     assert better == pytest.approx([0.69, 0.18, 0.0], abs=0.02)
     assert tuned.gained == pytest.approx(0.0, abs=1e-3)
@@ -107,7 +107,7 @@ def test_the_model_of_a_law_follows_the_axis() -> None:
     laws = [place.law for place in law.places]
     models = [law.model.stiffness for law in laws if isinstance(law, PolePlacement)]  # type: ignore[attr-defined]
     assert models == pytest.approx([stiffness(x) for x in PLACES], rel=1e-9)
-    assert found.gained > 0.08  # 11 %; docs/travel.md: 19 % by three searches
+    assert found.gained > 0.08  # 11 %; docs/explanation/travel.md: 19 % by three searches
 
 
 def test_what_is_not_known_is_refused() -> None:

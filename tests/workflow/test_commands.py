@@ -211,7 +211,7 @@ def test_commands_have_one_function_of_their_name() -> None:
 
 
 def test_the_table_of_the_docs_has_every_command() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "first-axis.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "tutorials" / "first-axis.md").read_text(encoding="utf-8")
     told = dict(re.findall(r"(?m)^\| `feeddrive ([\w-]+)` \| `fd\.([\w.]+)`", page))
     assert set(told) == set(COMMANDS)
     for name, dotted in told.items():
@@ -364,7 +364,7 @@ def loaded_by(code: str) -> set[str]:
 
 
 def test_no_command_loads_before_it_works_what_only_its_work_needs() -> None:
-    """The time of `--help` is that of the imports, see docs/speed.md: all commands, in one interpreter."""
+    """The time of `--help` is that of the imports, see docs/reference/speed.md: all commands, in one interpreter."""
     found = loaded_by("from feeddrive.workflow.command import COMMANDS, load\nfor each in COMMANDS: load(each)")
     assert not (HEAVY | {"pyarrow"}) & found
 

@@ -14,7 +14,7 @@ SEEDS = (7, 0)
 
 
 def benchmark() -> Any:
-    """The script of the table in docs/commission.md, which is in no package."""
+    """The script of the table in docs/how_to/commission.md, which is in no package."""
     spec = spec_from_file_location("strangers", Path(__file__).parents[2] / "benchmarks" / "commission.py")
     assert spec is not None
     assert spec.loader is not None

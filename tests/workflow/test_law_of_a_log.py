@@ -46,7 +46,7 @@ def test_the_loop_is_known_whole_with_the_law_and_by_the_log_alone(log: MotionLo
     alone = fd.identify(log).loop
     assert alone is not None
     gains = dict(tree.leaves(alone.control.law))
-    # Kv and 1/Tn may change places: no log can tell (docs/identification.md)
+    # Kv and 1/Tn may change places: no log can tell (docs/how_to/identification.md)
     assert sorted((gains["Kv"], 1.0 / gains["Tn"])) == pytest.approx((40.0, 50.0), rel=0.01)
     assert gains["Kp"] == pytest.approx(2.5e4, rel=0.01)
     found = fd.identify(log, law=_RIGHT)

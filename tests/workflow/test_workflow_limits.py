@@ -27,7 +27,7 @@ from feeddrive.workflow.excite import _lost
 from feeddrive.workflow.lobes import _speeds
 from feeddrive.workflow.tour import MACHINE, axis
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[2] / "docs" / "tutorials"
 
 
 # cogging

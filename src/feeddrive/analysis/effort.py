@@ -40,8 +40,8 @@ def effort(loop: Loop) -> Effort:
     """Count the operations of the controller in one sample, without the guard, which is the same for all laws.
 
     Operations on parameters alone are executed once before the run and are not counted; common subexpressions are
-    counted once.  The count depends only on the code of the law, so it is the same on every computer.  docs/speed.md
-    lists measured times.
+    counted once.  The count depends only on the code of the law, so it is the same on every computer.
+    docs/reference/speed.md lists measured times.
     """
     plain = concrete(replace(loop, control=replace(loop.control, guard=None)))
     prepared = plain.control.prepare(plain.sample_time)

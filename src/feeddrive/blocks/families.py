@@ -69,7 +69,7 @@ def _without_numbers(kind: str, state: Any, arguments: str) -> Any:
             f"{kind} does not say what becomes of its state ({', '.join(held[:3])}{', ...' if held[3:] else ''}) when "
             f"its parameters change in a running loop: define retune(self, {arguments}), which returns the state with "
             f"which the output goes on: `return state` where no parameter scales what it holds, as positions in m and "
-            f"forces in N; else convert it, as docs/live_changes.md shows"
+            f"forces in N; else convert it, as docs/explanation/live_changes.md shows"
         )
     return state
 

@@ -259,7 +259,7 @@ def _security(certificates: Certificates | None) -> Any:
     except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
         raise FileError(
             f"{OPTIONS}: {ca_file}, {cert} and {key} are no certificate of an authority, certificate and its key in "
-            f"PEM format ({error}): docs/security.md makes them"
+            f"PEM format ({error}): docs/reference/security.md makes them"
         ) from None
     return security
 

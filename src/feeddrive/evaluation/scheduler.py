@@ -74,5 +74,5 @@ def exposure(address: str) -> str:
     return (
         f"The scheduler at {address} is neither local nor reached by TLS: everyone who reaches its port can run code "
         "on the scheduler, on its workers and on this machine. Use tls:// with certificates, or a tunnel (ssh -L): "
-        "docs/security.md shows both."
+        "docs/reference/security.md shows both."
     )

@@ -1,4 +1,4 @@
-"""The judgments of all commands on their own results, with their exit codes; docs/files.md lists them.
+"""The judgments of all commands on their own results, with their exit codes; docs/reference/files.md lists them.
 
 A judgment concerns the result, not the machine. It is bad if the result must not be used, or if the question remains
 open. For a valid result that is unfavorable for the machine, such as chatter or a low yield, the judgment is good.

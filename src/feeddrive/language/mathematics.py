@@ -5,8 +5,8 @@ function here is a range reduction and a power series, truncated where the next 
 summed in pairs (Estrin's scheme), so that a processor can work on several terms in parallel.  No branch depends on a
 value: `where` selects.
 
-For the accuracy against 50-digit arithmetic see docs/accuracy.md.  The functions are valid everywhere; sin and cos
-return NaN beyond 1e9 rad.
+For the accuracy against 50-digit arithmetic see docs/reference/accuracy.md.
+The functions are valid everywhere; sin and cos return NaN beyond 1e9 rad.
 """
 
 import math

@@ -5,8 +5,9 @@ and shorter series, truncated where the next term is below 2⁻²⁷ of the resu
 single-precision number, so that exported code and the reference below use the same constants.  The functions run on the
 symbols of a graph whose operations are in single precision: `exponent` and `power_of_two` are those of 32-bit numbers.
 
-For the accuracy against 30-digit arithmetic see docs/accuracy.md.  The functions are valid everywhere; sin and cos
-return NaN beyond 1e4 rad, where neighboring numbers are a thousandth of a radian apart.  Subnormal numbers count as 0.
+For the accuracy against 30-digit arithmetic see docs/reference/accuracy.md.
+The functions are valid everywhere; sin and cos return NaN beyond 1e4 rad, where neighboring numbers are a thousandth
+of a radian apart.  Subnormal numbers count as 0.
 
 The reference evaluates a graph one operation after the other.  Each operation is rounded separately, subnormal numbers
 count as 0 with their sign, and the elementary functions are those above: its results equal those of a float build on

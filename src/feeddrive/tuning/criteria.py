@@ -272,7 +272,7 @@ def notches_stay_notches(control: Control, tunables: Sequence[str], x: np.ndarra
 
 
 # On the ball screw the goal bandwidth alone lowers Kv from 100 to 0.1 1/s for 73 Hz; with this weight it ends at
-# 6.4 1/s and 71 Hz (docs/tuning.md).
+# 6.4 1/s and 71 Hz (docs/how_to/tuning.md).
 _BESIDE = 0.02  # weight of the logarithm of the rope-snap error, added to another goal
 
 

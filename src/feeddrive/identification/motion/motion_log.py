@@ -521,7 +521,7 @@ CAUSES = {
 }
 
 # The preparation of Janot, Gautier & Brunot 2019.  A force is assumed to act at its sample instant, not over the time
-# that it is held; docs/identification.md states the resulting error.
+# that it is held; docs/how_to/identification.md states the resulting error.
 JANOT = Preparation(delay=0.0, acceleration="twice", skip=49, skip_end=0, decimation=10, reversals=True)
 
 

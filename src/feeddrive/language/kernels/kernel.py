@@ -642,7 +642,7 @@ def _throw(failure: Failure) -> NoReturn:
 
 
 def kernel(python: Callable[_P, _R]) -> Kernel[_P, _R]:
-    """Turn a plain Python function into a kernel; `docs/kernels.md` describes the language."""
+    """Turn a plain Python function into a kernel; `docs/internals/kernels.md` describes the language."""
     return Kernel(python)
 
 

@@ -330,7 +330,7 @@ class State:
     ) -> None:
         """Change offsets without moving the machine; the program coordinates of its position change."""
         self.settle()
-        # G10, G43, G92 ... never move the machine (unlike rs274 after G92, see docs/part_programs.md)
+        # G10, G43, G92 ... never move the machine (unlike rs274 after G92, see docs/reference/part_programs.md)
         standing = self.machine(self.position)
         before = self.position
         if origin is not None:
