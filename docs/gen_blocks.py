@@ -1,8 +1,10 @@
 """A hook of mkdocs: pages that are made from what stands elsewhere, while the site is built.
 
 - one page a block, from its declarations: equations, and parameters with unit, meaning, bounds and default;
-- the page of the public functions and results, from their docstrings;
+- on the pages of Python, the public functions and types of the packages that a comment names, from their docstrings;
+- the commands, from their requests;
 - the page of the keys of files, from the declarations of their sections, and the JSON Schemas of the files;
+- in the index of the search, the words of the trade beside the sections that reference/words.md names for them;
 - GLOSSARY, DESIGN, CONTRIBUTING and CHANGELOG of the root, so that they stand once.
 """
 
@@ -11,22 +13,27 @@ from __future__ import annotations
 import importlib
 import inspect
 import json
+import posixpath
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 from textwrap import indent
 from types import GenericAlias, UnionType
 from typing import Any
 
 from mkdocs.structure.files import File
+from numpy.typing import ArrayLike
 
 import feeddrive
 from feeddrive.blocks.catalogue import catalogue
+from feeddrive.cli.commands import OFFERED, offered
 from feeddrive.files.section import VARIED, Hint, Section, hints
 from feeddrive.files.section import members as members_of
 from feeddrive.language.block import Block, Declaration, Declared, declarations, defaults
 from feeddrive.language.lazy_package import public_names
+from feeddrive.workflow.command import Command, Field, fields_of
 from feeddrive.workflow.schemas import FILES, schemas
 
 ROOT = Path(__file__).parent.parent
@@ -34,6 +41,9 @@ WHOLE = ("GLOSSARY.md", "DESIGN.md", "CONTRIBUTING.md", "CHANGELOG.md")
 PUBLISHED = (".md", ".svg", ".png", ".json")  # what a page may link to
 BLOCKS = "reference/blocks"
 LOOP = ("Loop", "Axis", "Control", "Guard")
+WORDS = "reference/words.md"
+UNSEARCHED = ("internals/mutants.md", "CHANGELOG.md")  # their thousand rows would stand before the pages of a subject
+_LINE = 100
 
 
 def on_config(config: Any) -> Any:
@@ -41,7 +51,7 @@ def on_config(config: Any) -> Any:
     families = [{"The loop": [place(getattr(feeddrive, name)) for name in LOOP]}]
     families += [{title(family): [place(block) for block in members]} for family, members in families_of_blocks()]
     reference = next(part["Reference"] for part in config.nav if "Reference" in part)
-    reference.append({"Blocks": families})
+    reference.append({"Blocks": [f"{BLOCKS}/index.md", *families]})
     return config
 
 
@@ -52,7 +62,7 @@ def on_files(files: Any, config: Any) -> Any:
         files.append(File.generated(config, name, content=re.sub(r"\]\(docs/", "](", text)))
     for block in all_blocks():
         files.append(File.generated(config, place(block), content=page(block)))
-    files.append(File.generated(config, "reference/python.md", content=python()))
+    files.append(File.generated(config, f"{BLOCKS}/index.md", content=index_of_blocks()))
     files.append(File.generated(config, "reference/keys.md", content=keys()))
     for name, schema in schemas().items():
         place_of = f"reference/schema/{name}.schema.json"
@@ -61,11 +71,42 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Links from docs/ to the files at the root, which are pages beside it in the site, and to files that are none."""
+    """What comments ask for; links to the files at the root, which are pages of the site, and to the source."""
     name = page.file.src_uri
+    if name in UNSEARCHED:
+        page.meta["search"] = {"exclude": True}
     folder = ROOT if name in WHOLE else (ROOT / "docs" / name).parent
     markdown = re.sub(r"\[([^\]\n]+)\]\(([\w./-]+)\)", lambda found: _source(found, folder), markdown)
-    return re.sub(r"\]\(\.\./((?:\.\./)*[A-Z]+\.md)", r"](\1", markdown)
+    markdown = re.sub(r"\]\(\.\./((?:\.\./)*[A-Z]+\.md)", r"](\1", markdown)
+    markdown = re.sub(r"<!-- names of (.+?) -->", lambda found: names_of(found[1].split(", ")), markdown)
+    return markdown.replace("<!-- commands -->", commands()) if "<!-- commands -->" in markdown else markdown
+
+
+def on_post_build(config: Any) -> None:
+    """Gives the words of the trade to the sections of the index that the page of words names for them.
+
+    The search of the theme ranks an entry by its tags before its title and text.
+    """
+    file = Path(config.site_dir) / "search/search_index.json"
+    index = json.loads(file.read_text(encoding="utf-8"))
+    entries = {each["location"]: each for each in index["docs"]}
+    for location, words in words_by_location().items():
+        entries[location].setdefault("tags", []).extend(words)
+    file.write_text(json.dumps(index, separators=(",", ":")), encoding="utf-8")
+
+
+def words_by_location() -> dict[str, list[str]]:
+    """The words in the first column of the table of words, by the place in the site to which the last column links."""
+    found: dict[str, list[str]] = {}
+    for line in (ROOT / "docs" / WORDS).read_text(encoding="utf-8").splitlines():
+        link = re.fullmatch(r"\| (.+?) \| .* \| \[.+\]\((\S+?)\) \|", line)
+        if link:
+            page, _, anchor = link[2].partition("#")
+            at = posixpath.normpath(posixpath.join(posixpath.dirname(WORDS), page))
+            at = at.removesuffix(".md").removesuffix("index")
+            at = at.removeprefix("../") + ("" if at.endswith("/") or not at else "/") + (f"#{anchor}" if anchor else "")
+            found.setdefault(at, []).extend(word.strip() for word in link[1].split(","))
+    return found
 
 
 def _source(link: re.Match[str], folder: Path) -> str:
@@ -88,6 +129,23 @@ def families_of_blocks() -> Iterator[tuple[type[Block], list[type[Block]]]]:
             yield family, list(members.values())
     if lone:
         yield Block, lone
+
+
+def index_of_blocks() -> str:
+    """The families and their blocks."""
+    lines = [
+        "# Blocks",
+        "",
+        "Everything a loop consists of, by family, with a page for each block: equations, and parameters with unit, "
+        "meaning, bounds and default. In Python they are `fd.blocks.NAME`, in files a section with this `kind`.",
+        "",
+    ]
+    for family, blocks in families_of_blocks():
+        lines += [f"## {title(family)}", "", "| kind | block |", "|---|---|"]
+        for block in blocks:
+            lines.append(f"| [`{block.kind}`]({block.kind}.md) | {docstring(block).split(chr(10))[0]} |")
+        lines.append("")
+    return "\n".join(lines)
 
 
 def all_blocks() -> list[type[Block]]:
@@ -153,8 +211,8 @@ def keys() -> str:
         "# Keys of files",
         "",
         "Every key, its unit, meaning and bounds, as the files are read. A number may be given in another unit of the "
-        "same dimension, which its key then names: `duration_min`. [Blocks](../index.md) are chosen by `kind` and have "
-        "pages of their own; [Units and files](files.md) explains the files.",
+        "same dimension, which its key then names: `duration_min`. [Blocks](blocks/index.md) are chosen by `kind` and "
+        "have pages of their own; [Units and files](files.md) explains the files.",
         "",
     ]
     for name, section in FILES.items():
@@ -193,36 +251,112 @@ def keys_of(section: type[Section], key: str, shown: set[type[Section]], *, many
             yield from keys_of(member, inner, shown, many=is_list)
 
 
-def python() -> str:
-    """The public functions and results."""
-    lines = [
-        "# Python",
-        "",
-        "Names of `feeddrive` and of its rooms; [blocks](../index.md) are in `fd.blocks`.",
-        "",
-    ]
-    places = {"feeddrive": public_names("feeddrive")}
-    rooms = [name for name, module in places["feeddrive"].items() if module == "feeddrive"]
-    places |= {f"feeddrive.{room}": public_names(f"feeddrive.{room}") for room in rooms if room != "blocks"}
+def names_of(packages: Sequence[str]) -> str:
+    """The public functions, then the public types, of some packages: signature, docstring, fields and methods."""
+    root = public_names("feeddrive")
     public = {
-        name: package for package, names in reversed(places.items()) for name in names if name not in {*LOOP, *rooms}
+        (name, place)
+        for package in ("feeddrive", *packages)
+        for name, place in public_names(package).items()
+        if place.startswith(tuple(f"{package}." for package in packages))
     }
-    public.pop("__version__")
-    for name in sorted(public, key=lambda name: (name[:1].isupper(), name)):
-        thing = getattr(importlib.import_module(public[name]), name)
-        written = f"fd.{name}" if public[name] == "feeddrive" else f"fd.{public[name].partition('.')[2]}.{name}"
-        lines += [f"## {name}", "", f"`{signature(written, thing)}`", "", docstring(thing), ""]
+    lines: list[str] = []
+    for name, place in sorted(public, key=lambda named: (named[0][:1].isupper(), *named)):
+        thing = getattr(importlib.import_module(place), name)
+        written = f"fd.{name}" if root.get(name) == place else f"fd.{place.split('.')[1]}.{name}"
+        lines += [f"## {name}", "", code(signature(written, thing)), "", docstring(thing), ""]
+        if isinstance(thing, Command):
+            lines += [f"Options with units, bounds and defaults: [{named(thing)}](../commands.md#{named(thing)})", ""]
         if inspect.isclass(thing):
-            for member, method in vars(thing).items():
-                if not member.startswith("_") and getattr(method, "__doc__", None) and inspect.isfunction(method):
-                    summary = docstring(method).split("\n\n")[0].replace("\n", " ")
-                    lines.append(f"- `.{signature(member, method)}`: {summary}")
-            lines.append("")
+            lines += [*members(thing), ""]
     return "\n".join(lines)
 
 
+def members(kind: type) -> Iterator[str]:
+    """The fields of a type with their types and defaults, and its methods."""
+    fields = getattr(kind, "__dataclass_fields__", None) or getattr(kind, "_fields", ())
+    if fields and issubclass(kind, Declared):
+        yield from ["| name | unit | meaning | bounds | default |", "|---|---|---|---|---|"]
+        yield from (row(kind, name, declared) for name, declared in declarations(kind).items())
+    elif fields:
+        annotations = inspect.get_annotations(kind)
+        shown = [f"{name}: {typed(annotations[name])}" for name in fields if name in annotations and name[0] != "_"]
+        yield code("\n".join(shown))
+    yield ""
+    for name, method in vars(kind).items():
+        if not name.startswith("_") and inspect.isfunction(method) and method.__doc__:
+            summary = docstring(method).split("\n\n")[0].replace("\n", " ")
+            yield f"- `.{signature(name, method)}`: {summary}"
+
+
+def code(text: str) -> str:
+    """Code as HTML: to color the signatures of all names would take a tenth of the time of the build."""
+    return f"<pre><code>{escape(text, quote=False)}</code></pre>" if text else ""
+
+
 def signature(name: str, thing: Any) -> str:
-    """Name and arguments without types."""
+    """Name, arguments with types and defaults, and the type of the result; a line an argument where they are many."""
     if isinstance(thing, UnionType | GenericAlias) or inspect.isclass(thing):
         return name
-    return f"{name}({', '.join(p for p in inspect.signature(thing).parameters if p != 'self')})"
+    described = inspect.signature(thing)
+    words: list[str] = []
+    for parameter in described.parameters.values():
+        if parameter.name == "self":
+            continue
+        if parameter.kind is parameter.KEYWORD_ONLY and "*" not in words and not any(w[0] == "*" for w in words):
+            words.append("*")
+        star = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}.get(parameter.kind, "")
+        kind = f": {typed(parameter.annotation)}" if parameter.annotation is not parameter.empty else ""
+        value = f" = {literal(parameter.default)}" if parameter.default is not parameter.empty else ""
+        words.append(f"{star}{parameter.name}{kind}{value}")
+    empty = described.return_annotation is described.empty
+    result = "" if empty else f" -> {typed(described.return_annotation)}"
+    line = f"{name}({', '.join(words)}){result}"
+    return line if len(line) < _LINE else "\n".join([f"{name}(", *(f"    {word}," for word in words), f"){result}"])
+
+
+def typed(annotation: Any) -> str:
+    """An annotation as it is written."""
+    if annotation == ArrayLike:
+        return "ArrayLike"
+    if isinstance(annotation, str) or (inspect.isclass(annotation) and not isinstance(annotation, GenericAlias)):
+        return annotation if isinstance(annotation, str) else annotation.__name__
+    return re.sub(r"\b(?:\w+\.)+(?=\w)|~", "", str(annotation))
+
+
+def literal(value: Any) -> str:
+    """A default as Python; an object without a short literal as `...`."""
+    return repr(value) if value is None or isinstance(value, str | int | float | tuple) else "..."
+
+
+def named(command: Command[Any, Any, Any]) -> str:
+    """The name of a command on the command line."""
+    return command.__name__.replace("_", "-")
+
+
+def commands() -> str:
+    """Every command with its arguments and options, from the declarations of its request."""
+    lines: list[str] = []
+    for group in dict.fromkeys(listed.group for listed in OFFERED.values()):
+        lines += [f"## {group}", ""]
+        for name, listed in OFFERED.items():
+            if listed.group == group:
+                lines += [f"### {name}", "", listed.summary, ""]
+                lines += ["```sh", *(f"feeddrive {name} {words}".rstrip() for words in listed.examples), "```", ""]
+                lines += ["| argument or option | unit | meaning | bounds | default |", "|---|---|---|---|---|"]
+                lines += [entry(field) for field in fields_of(offered(name).request)]
+                lines.append("")
+    return "\n".join(lines)
+
+
+def entry(field: Field) -> str:
+    """One argument or option in the table of its command."""
+    declared = field.declared
+    flag = f"`{field.flag}`" if field.flag else f"`{field.name.upper()}`"
+    flag += f", `{field.short}`" if field.short else ""
+    flag += " (several)" if field.many else ""
+    allowed = ", ".join(f"`{option}`" for option in declared.options) or declared.bounds()
+    value = "required" if field.required else "absent" if field.default in (None, (), False) else ""
+    value = value or f"`{field.shown(field.default)}`"
+    unit = declared.unit or ("1" if field.kind is float else "")
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in (flag, unit, declared.meaning, allowed, value)) + " |"

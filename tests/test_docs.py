@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 import shlex
 import shutil
@@ -21,7 +22,7 @@ from slow_share import all_but
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
-GENERATED = {"docs/reference/python.md", "docs/reference/keys.md"}  # pages that exist only in the built site
+GENERATED = ("docs/reference/keys.md", "docs/reference/blocks/")  # pages that exist only in the built site
 COMPILER = next((found for name in ("gcc", "cc", "clang") if (found := shutil.which(name))), None)
 COMMANDS = ("console", "sh", "text", "powershell")
 
@@ -55,6 +56,11 @@ LONG = [
         "how_to/scale.md",
         "explanation/yield.md",
         "how_to/linuxcnc.md",
+        *(
+            f"reference/python/{each}.md"
+            for each in ("certificate", "comparison", "identification", "jobs", "learning")
+        ),
+        "reference/python/tuning.md",
     )
 ]
 
@@ -132,7 +138,7 @@ def dead_links(page: Path) -> Iterator[str]:
             continue
         name, _, anchor = target.partition("#")
         place = (page.parent / name).resolve() if name else page
-        if place.relative_to(ROOT).as_posix() in GENERATED:
+        if place.relative_to(ROOT).as_posix().startswith(GENERATED):
             continue
         if not place.exists():
             yield target
@@ -227,16 +233,52 @@ def test_the_error_that_the_documentation_shows_is_the_one_that_comes(tmp_path: 
     assert said in page.read_text(encoding="utf-8")
 
 
+def generator() -> ModuleType:
+    """The hook that makes pages."""
+    spec = importlib.util.spec_from_file_location("gen_blocks", ROOT / "docs/gen_blocks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_of_the_commands_has_each_option_that_the_command_line_takes():
+    from feeddrive.cli.commands import app
+
+    sections = re.split(r"^### ", generator().commands(), flags=re.MULTILINE)[1:]
+    pages = {section.partition("\n")[0]: section for section in sections}
+    offered: Any = get_command(app).commands  # type: ignore[attr-defined]
+    assert set(pages) == set(offered)
+    of_all = {"--blocks", "--verbose", "--json", "--help"}
+    for name, command in offered.items():
+        for parameter in command.params:
+            row = f"| `{parameter.opts[0] if parameter.opts[0].startswith('-') else parameter.opts[0].upper()}`"
+            assert parameter.opts[0] in of_all or row in pages[name], f"{name} {parameter.opts[0]}"
+    # a unit and a default in it, not in SI
+    assert "| `--max-compliance` | um/N |" in pages["tune"]
+    assert re.search(r"\| `--max-ms` \| 1 \| .* \| `2` \|", pages["tune"])
+
+
+def test_each_public_name_stands_on_one_page_of_python():
+    from feeddrive.language.lazy_package import public_names
+
+    documents = sorted((ROOT / "docs/reference/python").glob("*.md"))
+    asked = [re.findall(r"<!-- names of (.+?) -->", page.read_text(encoding="utf-8")) for page in documents]
+    shown = [re.findall(r"(?m)^## (\w+)$", generator().names_of(each.split(", "))) for page in asked for each in page]
+    root = public_names("feeddrive")
+    rooms = [name for name, place in root.items() if place == "feeddrive" and name != "blocks"]
+    public = {(name, place) for room in rooms for name, place in public_names(f"feeddrive.{room}").items()}
+    public |= {(name, place) for name, place in root.items() if place not in ("feeddrive", "feeddrive.version")}
+    assert sorted(name for page in shown for name in page) == sorted(name for name, _ in public)
+
+
 def test_the_page_of_the_keys_has_each_that_a_file_may_hold():
     from feeddrive.files.section import Hint, Section, hints, members
     from feeddrive.language.block import declarations
     from feeddrive.workflow.schemas import FILES
 
-    spec = importlib.util.spec_from_file_location("gen_blocks", ROOT / "docs/gen_blocks.py")
-    assert spec is not None
-    assert spec.loader is not None
-    pages = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(pages)
+    pages = generator()
     parts = re.split(r"^## ", pages.keys(), flags=re.MULTILINE)[1:]
     assert [part.split(" file\n")[0].lower() for part in parts] == list(FILES)
 
@@ -413,14 +455,103 @@ def test_the_timeline_is_what_its_script_draws():
     assert script.TARGET.read_text(encoding="utf-8") == script.drawing()
 
 
-def test_the_site_builds_without_a_warning(tmp_path: Path):
-    """One page a block, from its declaration; a link that leads nowhere fails the build."""
-    asked = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built site; a warning or a link that leads nowhere fails its build."""
+    folder = tmp_path_factory.mktemp("site")
+    asked = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
     done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, timeout=240, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    page = (tmp_path / "site/reference/blocks/cascade_ppi/index.html").read_text(encoding="utf-8")
+    return folder
+
+
+def test_the_site_has_a_page_a_block(site: Path):
+    """From its declaration."""
+    page = (site / "reference/blocks/cascade_ppi/index.html").read_text(encoding="utf-8")
     assert "position gain" in page
     assert "1/s" in page
+
+
+# what people of the trade type, and the page that must be among the first three found
+SEARCHED = {
+    "rope snap": "how_to/tuning/",
+    "load side stiffness": "how_to/tuning/",
+    "notch": "reference/blocks/notch/",
+    "band stop": "reference/blocks/notch/",
+    "GSV": "GLOSSARY/",
+    "kv factor": "GLOSSARY/",
+    "lag": "reference/conventions/",
+    "following error": "reference/conventions/",
+    "Schleppfehler": "reference/conventions/",
+    "modulus margin": "reference/conventions/",
+    "delay margin": "how_to/analysis/",
+    "backlash": "how_to/machining/",
+    "stick-slip": "explanation/friction/",
+    "stribeck": "explanation/friction/",
+    "quadrant glitch": "how_to/machining/",
+    "ballbar": "how_to/machining/",
+    "cogging": "how_to/identification/",
+    "torque ripple": "how_to/identification/",
+    "jerk": "how_to/plan/",
+    "look-ahead": "internals/planner/",
+    "G64": "how_to/plan/",
+    "RTCP": "explanation/five_axes/",
+    "TCPM": "explanation/five_axes/",
+    "TRAORI": "explanation/five_axes/",
+    "feed override": "internals/planner/",
+    "chatter": "how_to/machining/",
+    "stability lobes": "how_to/machining/",
+    "contour error": "how_to/machining/",
+    "scallop": "how_to/machining/",
+    "autotune": "how_to/tuning/",
+    "dead time": "explanation/timing/",
+    "gain scheduling": "explanation/travel/",
+    "disturbance observer": "reference/laws/field/",
+    "ADRC": "reference/laws/gpi-observer/",
+    "sliding mode": "reference/laws/dadsc/",
+    "feed forward": "reference/laws/iterative-feedforward/",
+    "FF1": "reference/laws/iterative-feedforward/",
+    "MD32200": "tutorials/shop_sinumerik/",
+    "sinumerik": "tutorials/shop_sinumerik/",
+    "fanuc": "how_to/parameters/",
+    "halscope": "tutorials/shop_linuxcnc/",
+    "pgain": "how_to/linuxcnc_pid/",
+    "ethercat": "how_to/drive_bus/",
+    "emergency stop": "explanation/safety/",
+    "structured text": "how_to/structured_text/",
+    "simulink": "how_to/fmu/",
+    "STM32": "how_to/cortex_m/",
+    "exit code": "reference/files/",
+    "inertia ratio": "how_to/identification/",
+    "gantry": "how_to/commission_gantry/",
+    "max-compliance": "reference/commands/",
+    "feeddrive tune": "how_to/tuning/",
+    "simulate_batch": "reference/python/loop/",
+}
+NODE = shutil.which("node")
+
+
+def test_the_search_finds_by_the_words_of_the_trade(site: Path):
+    """The search of the theme itself, on the index of the site."""
+    if NODE is None:
+        pytest.skip("NOT TESTED: the search of the site runs in node: apt-get install nodejs")
+    asked = [NODE, str(ROOT / "tests/search_site.mjs"), str(site)]
+    queries = json.dumps(list(SEARCHED))
+    done = subprocess.run(asked, input=queries, capture_output=True, text=True, timeout=60, check=True)
+    found = {
+        query: [place.partition("#")[0] for place in places]
+        for query, places in zip(SEARCHED, json.loads(done.stdout), strict=True)
+    }
+    assert not {query: found[query][:4] for query, page in SEARCHED.items() if page not in found[query][:3]}
+
+
+def test_each_word_of_the_trade_stands_once():
+    """The second of two pages with one word would be found by chance."""
+    text = (ROOT / "docs/reference/words.md").read_text(encoding="utf-8")
+    rows = re.findall(r"(?m)^\| (.+?) \| .+ \| \[", text)
+    words = [word.strip().lower() for row in rows for word in row.split(",")]
+    assert len(words) > 200
+    assert sorted(words) == sorted(set(words))
 
 
 def test_a_link_of_the_site_that_leads_nowhere_is_found(tmp_path: Path):
