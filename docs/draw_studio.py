@@ -217,6 +217,12 @@ def compare(browser: Any, folder: Path) -> None:
         page.take("studio_compare")
 
 
+def chromium() -> str:
+    """The browser, with a display or without one."""
+    found = (shutil.which(name) for name in ("chromium-headless-shell", "chromium"))
+    return next(filter(None, found), None) or sys.exit("apt-get install chromium-headless-shell")
+
+
 def feeddrive(*words: str) -> None:
     """A command that must succeed."""
     subprocess.run([sys.executable, "-c", "from feeddrive.cli import main; main()", *words], check=True)
@@ -229,9 +235,8 @@ DRAWN: dict[str, Callable[[Any, Path], None]] = {
 
 def main() -> None:
     """Take the pictures that are named, or all."""
-    chromium = shutil.which("chromium") or sys.exit("apt-get install chromium")
     with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        browser = driver.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
         for name in sys.argv[1:] or DRAWN:
             with tempfile.TemporaryDirectory() as folder:
                 DRAWN[name](browser, Path(folder))

@@ -38,7 +38,7 @@ from feeddrive.workflow.schemas import FILES, schemas
 
 ROOT = Path(__file__).parent.parent
 WHOLE = ("GLOSSARY.md", "DESIGN.md", "CONTRIBUTING.md", "CHANGELOG.md")
-PUBLISHED = (".md", ".svg", ".png", ".json")  # what a page may link to
+PUBLISHED = (".md", ".svg", ".png", ".webp", ".json")  # what a page may link to
 BLOCKS = "reference/blocks"
 LOOP = ("Loop", "Axis", "Control", "Guard")
 WORDS = "reference/words.md"

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import json
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -24,7 +25,7 @@ ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 GENERATED = ("docs/reference/keys.md", "docs/reference/blocks/")  # pages that exist only in the built site
 COMPILER = next((found for name in ("gcc", "cc", "clang") if (found := shutil.which(name))), None)
-COMMANDS = ("console", "sh", "text", "powershell")
+COMMANDS = ("console", "sh", "bash", "text", "powershell", "")
 
 
 def shown(path: Path) -> str:
@@ -61,6 +62,7 @@ LONG = [
             for each in ("certificate", "comparison", "identification", "jobs", "learning")
         ),
         "reference/python/tuning.md",
+        "explanation/box.md",
     )
 ]
 
@@ -161,6 +163,132 @@ def command_lines() -> list[tuple[str, str]]:
     return found
 
 
+# pages whose consoles a test types, and where it stands
+WALKED = {
+    "docs/reference/laws/dadsc.md": "tests/test_docs.py",
+    "docs/reference/laws/disturbance-recovery.md": "tests/test_docs.py",
+    "docs/reference/laws/field.md": "tests/test_docs.py",
+    "docs/reference/laws/gpi-observer.md": "tests/test_docs.py",
+    "docs/reference/laws/iterative-feedforward.md": "tests/test_docs.py",
+    "docs/reference/laws/pole-placement.md": "tests/test_docs.py",
+    "docs/tutorials/afternoon.md": "tests/test_docs.py",
+    "docs/tutorials/first-axis.md": "tests/test_docs.py",
+    "docs/tutorials/from_your_log.md": "tests/cli/test_walks.py",
+    "docs/tutorials/own_law.md": "tests/test_own_blocks.py",
+    "docs/tutorials/shop_linuxcnc.md": "tests/test_docs.py",
+    "docs/tutorials/shop_sinumerik.md": "tests/test_docs.py",
+}
+# code that no test runs as it stands: page, language and the reason. Python runs, and TOML is read, on every page; of
+# commands that are not run, the words and options are checked
+_OF_A_READER = "names files that a reader has"
+_MINUTES = "takes minutes; tests of the commands run them on less"
+_SHOWN = "is no code: equations, or what is printed or written"
+_ELSEWHERE = "needs other machines, the rights of an administrator or a network"
+UNRUN = {
+    ("README.md", "sh"): "installs and runs these tests",
+    ("README.md", "powershell"): "is of a system on which no test runs",
+    ("docs/index.md", "sh"): "installs; the demo is run by tests/cli/test_terminal.py",
+    ("docs/explanation/box.md", "sh"): _MINUTES,
+    ("docs/explanation/certificate.md", "sh"): _OF_A_READER,
+    ("docs/explanation/five_axes.md", "console"): _MINUTES,
+    ("docs/explanation/five_axes.md", "text"): _SHOWN,
+    ("docs/explanation/robust_tuning.md", "py"): _MINUTES,
+    ("docs/explanation/robust_tuning.md", "sh"): _MINUTES,
+    ("docs/explanation/travel.md", "sh"): _OF_A_READER,
+    ("docs/how_to/commissioning.md", "console"): _OF_A_READER,
+    ("docs/how_to/drive_bus.md", "sh"): _ELSEWHERE,
+    ("docs/how_to/export.md", "c"): "is a part of a program; tests/export compiles the whole",
+    ("docs/how_to/export.md", "sh"): _OF_A_READER,
+    ("docs/how_to/export.md", "text"): _SHOWN,
+    ("docs/how_to/identification.md", "console"): _OF_A_READER,
+    ("docs/how_to/machining.md", ""): _MINUTES,
+    ("docs/how_to/machining.md", "sh"): _OF_A_READER,
+    ("docs/how_to/plan.md", "console"): _OF_A_READER,
+    ("docs/how_to/plan.md", "text"): _SHOWN,
+    ("docs/how_to/scale.md", ""): _ELSEWHERE,
+    ("docs/how_to/scale.md", "bash"): _MINUTES,
+    ("docs/how_to/scale.md", "text"): _ELSEWHERE,
+    ("docs/how_to/setpath.md", "text"): _OF_A_READER,
+    ("docs/how_to/structured_text.md", ""): _SHOWN,
+    ("docs/reference/files.md", "console"): _OF_A_READER,
+    ("docs/reference/files.md", "sh"): "writes what tests/workflow/test_schemas.py reads",
+    ("docs/reference/files.md", "text"): _SHOWN,
+    ("docs/reference/gallery.md", "sh"): "is run by docs/draw_reports.py",
+    ("docs/reference/laws/cascade-ppi.md", "text"): _SHOWN,
+    ("docs/reference/laws/dadsc.md", "text"): _SHOWN,
+    ("docs/reference/laws/disturbance-recovery.md", "text"): _SHOWN,
+    ("docs/reference/laws/gpi-observer.md", "text"): _SHOWN,
+    ("docs/reference/laws/iterative-feedforward.md", "sh"): _OF_A_READER,
+    ("docs/reference/laws/iterative-feedforward.md", "text"): _SHOWN,
+    ("docs/reference/laws/milling-force.md", "text"): _SHOWN,
+    ("docs/reference/laws/mode-compensation.md", "text"): _SHOWN,
+    ("docs/reference/laws/pole-placement.md", "text"): _SHOWN,
+    ("docs/reference/laws/trajectory-prefilter.md", "sh"): _OF_A_READER,
+    ("docs/reference/laws/trajectory-prefilter.md", "text"): _SHOWN,
+    ("docs/reference/part_programs.md", "text"): _SHOWN,
+    ("docs/reference/security.md", "nginx"): _ELSEWHERE,
+    ("docs/reference/security.md", "sh"): _ELSEWHERE,
+    ("docs/reference/security.md", "text"): _ELSEWHERE,
+    ("docs/tutorials/first-axis.md", "text"): _OF_A_READER,
+}
+
+
+def test_every_block_of_code_is_run_or_says_why_not():
+    found = {
+        (shown(page), language)
+        for page in PAGES
+        for language in re.findall(r"(?ms)^```(\w*)[^\n]*\n.*?^```", page.read_text(encoding="utf-8"))
+    }
+    run = {(page, language) for page, language in found if language in ("python", "toml")}
+    run |= {(page, "console") for page in WALKED}
+    assert found - run == set(UNRUN)
+    for page, place in WALKED.items():
+        assert page.rpartition("/")[2] in (ROOT / place).read_text(encoding="utf-8"), page
+
+
+def test_every_toml_of_a_page_is_read_and_its_keys_exist():
+    """A name of a key is that of a declared one, with a unit behind it where another one is meant."""
+    from feeddrive.blocks.catalogue import catalogue
+    from feeddrive.files.section import Hint, Section, hints, members
+    from feeddrive.language.block import Declared, declarations
+    from feeddrive.workflow.schemas import FILES
+
+    known = {"kind", "time", *"xyzabcuvw"}  # a role of a column of a log, and the names of axes
+    seen = set[type[Any]]()
+
+    def declare(section: type[Any]) -> None:
+        seen.add(section)
+        known.update(declarations(section))
+        for hint in (hint for hint in hints(section).values() if isinstance(hint, Hint)):
+            for inner in {*members(hint).values(), *hint.classes} - seen:
+                if issubclass(inner, Section):
+                    declare(inner)
+                elif issubclass(inner, Declared):
+                    known.update(declarations(inner))
+
+    for section in FILES.values():
+        declare(section)
+    for family in catalogue().values():
+        for block in family.values():
+            known.update(declarations(block))
+
+    def unknown(table: dict[str, Any]) -> Iterator[str]:
+        for key, value in table.items():
+            below = value if isinstance(value, list) else [value]
+            for each in (each for each in below if isinstance(each, dict)):
+                yield from unknown(each)
+            parts = key.split("_")
+            whole = ["_".join(parts[:count]) for count in range(1, len(parts) + 1)]
+            if not (isinstance(below[0], dict) or "." in key or known.intersection(whole)):
+                yield key
+
+    read = [(page, tomllib.loads(code)) for page in PAGES for code in blocks(page, "toml")]
+    assert len(read) > 30
+    assert not {
+        (shown(page), key) for page, table in read for key in unknown(table) if "entry-points" not in str(table)
+    }
+
+
 # files that a reader writes, and one that a command writes for him
 WRITTEN = {"smith_law.py", "spring_damper.py"}
 
@@ -233,20 +361,10 @@ def test_the_error_that_the_documentation_shows_is_the_one_that_comes(tmp_path: 
     assert said in page.read_text(encoding="utf-8")
 
 
-def generator() -> ModuleType:
-    """The hook that makes pages."""
-    spec = importlib.util.spec_from_file_location("gen_blocks", ROOT / "docs/gen_blocks.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_the_page_of_the_commands_has_each_option_that_the_command_line_takes():
+def test_the_page_of_the_commands_has_each_option_that_the_command_line_takes(monkeypatch: pytest.MonkeyPatch):
     from feeddrive.cli.commands import app
 
-    sections = re.split(r"^### ", generator().commands(), flags=re.MULTILINE)[1:]
+    sections = re.split(r"^### ", script("gen_blocks", monkeypatch).commands(), flags=re.MULTILINE)[1:]
     pages = {section.partition("\n")[0]: section for section in sections}
     offered: Any = get_command(app).commands  # type: ignore[attr-defined]
     assert set(pages) == set(offered)
@@ -260,12 +378,16 @@ def test_the_page_of_the_commands_has_each_option_that_the_command_line_takes():
     assert re.search(r"\| `--max-ms` \| 1 \| .* \| `2` \|", pages["tune"])
 
 
-def test_each_public_name_stands_on_one_page_of_python():
+def test_each_public_name_stands_on_one_page_of_python(monkeypatch: pytest.MonkeyPatch):
     from feeddrive.language.lazy_package import public_names
 
     documents = sorted((ROOT / "docs/reference/python").glob("*.md"))
     asked = [re.findall(r"<!-- names of (.+?) -->", page.read_text(encoding="utf-8")) for page in documents]
-    shown = [re.findall(r"(?m)^## (\w+)$", generator().names_of(each.split(", "))) for page in asked for each in page]
+    shown = [
+        re.findall(r"(?m)^## (\w+)$", script("gen_blocks", monkeypatch).names_of(each.split(", ")))
+        for page in asked
+        for each in page
+    ]
     root = public_names("feeddrive")
     rooms = [name for name, place in root.items() if place == "feeddrive" and name != "blocks"]
     public = {(name, place) for room in rooms for name, place in public_names(f"feeddrive.{room}").items()}
@@ -273,12 +395,12 @@ def test_each_public_name_stands_on_one_page_of_python():
     assert sorted(name for page in shown for name in page) == sorted(name for name, _ in public)
 
 
-def test_the_page_of_the_keys_has_each_that_a_file_may_hold():
+def test_the_page_of_the_keys_has_each_that_a_file_may_hold(monkeypatch: pytest.MonkeyPatch):
     from feeddrive.files.section import Hint, Section, hints, members
     from feeddrive.language.block import declarations
     from feeddrive.workflow.schemas import FILES
 
-    pages = generator()
+    pages = script("gen_blocks", monkeypatch)
     parts = re.split(r"^## ", pages.keys(), flags=re.MULTILINE)[1:]
     assert [part.split(" file\n")[0].lower() for part in parts] == list(FILES)
 
@@ -446,13 +568,20 @@ def same(a: str, b: str) -> bool:
         return a == b
 
 
-def test_the_timeline_is_what_its_script_draws():
-    spec = importlib.util.spec_from_file_location("draw_timeline", ROOT / "docs" / "draw_timeline.py")
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
-    assert script.TARGET.read_text(encoding="utf-8") == script.drawing()
+def script(name: str, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A script of docs/ as a module; it may import its neighbors."""
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    return importlib.import_module(name)
+
+
+def test_the_timeline_is_what_its_script_draws(monkeypatch: pytest.MonkeyPatch):
+    timeline = script("draw_timeline", monkeypatch)
+    assert timeline.TARGET.read_text(encoding="utf-8") == timeline.drawing()
+
+
+def test_the_gallery_is_what_its_script_writes(monkeypatch: pytest.MonkeyPatch):
+    reports = script("draw_reports", monkeypatch)
+    assert reports.PAGE.read_text(encoding="utf-8") == reports.page()
 
 
 @pytest.fixture(scope="module")
