@@ -584,6 +584,28 @@ def test_the_gallery_is_what_its_script_writes(monkeypatch: pytest.MonkeyPatch):
     assert reports.PAGE.read_text(encoding="utf-8") == reports.page()
 
 
+# words of the README, and those of the page that it links for them, from which they were taken
+FIGURES = {
+    ("1.24 µm RMS", "docs/reference/accuracy.md"): "| by direction, without offset | 1.24 µm |",
+    ("578 µm RMS", "docs/reference/accuracy.md"): "578 µm RMS of following error",
+    ("1,000,000 random samples", "docs/how_to/export.md"): "a million random samples",
+    ("17 kept within 10 %", "docs/how_to/commission.md"): "| **240 to 259, drawn for this table** | 0 | **17**",
+    (
+        "1.15 times the time of C",
+        "docs/reference/speed.md",
+    ): "| the same in the default arithmetic | <= 1.5 x | **1.15 x** |",
+}
+
+
+def test_the_figures_of_the_readme_are_those_of_its_pages():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    for (words, page), there in FIGURES.items():
+        rows = [line for line in readme.splitlines() if words in line and line.startswith("| ")]
+        assert len(rows) == 1, words
+        assert page in rows[0], words
+        assert there in (ROOT / page).read_text(encoding="utf-8"), (words, page)
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The built site; a warning or a link that leads nowhere fails its build."""
