@@ -851,6 +851,12 @@ COMMANDS: dict[str, Listed] = {
         "Prove and deploy",
         ("axis_x",),
     ),
+    "doctor": Listed(
+        "doctor",
+        "Say what feeddrive needs on this computer, what of it is there, and what to type for the rest.",
+        "This computer",
+        ("",),
+    ),
 }
 
 
