@@ -32,6 +32,8 @@ import promised
 import sbom
 
 ROOT = Path(__file__).resolve().parents[1]
+# the sources of this clone must not take the place of what is installed
+OUTSIDE = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 LINES = 40  # of the changelog, at most
 _PAGE = 1_500_000  # bytes of the page, at most
 
@@ -111,14 +113,14 @@ def licenses(wheel: Path) -> None:
 def run(*words: str, cwd: Path | None = None) -> None:
     """Run a command, and end with it if it fails."""
     print("+", *words, flush=True)
-    subprocess.run(words, cwd=cwd, check=True)
+    subprocess.run(words, cwd=cwd, check=True, env=OUTSIDE)
 
 
 def studio(program: Path, place: Path) -> None:
     """The page and its script come from the server of the wheel, and all of it is small."""
     words = [str(program), "studio", "ball_screw", "--no-browser"]
     with subprocess.Popen(
-        words, cwd=place, stdout=subprocess.PIPE, text=True, encoding="utf-8", errors="replace"
+        words, cwd=place, stdout=subprocess.PIPE, text=True, encoding="utf-8", errors="replace", env=OUTSIDE
     ) as server:
         try:
             assert server.stdout is not None
