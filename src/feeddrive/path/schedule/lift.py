@@ -26,7 +26,6 @@ from feeddrive.path.motion import (
     cubic,
     one_after_the_other,
     part_of_pieces,
-    piece_of,
     slowed,
     way,
 )
@@ -182,11 +181,11 @@ class _Path:
         first, last = 0, len(motion.duration)
         whole = last
         if begins:
-            k, t = self._near_rest(motion.duration)
+            k, t = self._near_rest(motion.duration, motion.snap)
             motion = divided(motion, k, t, lengths)
             first, last = k + 1, last + 1
         if ends:
-            k, t = self._near_rest(motion.duration[::-1])
+            k, t = self._near_rest(motion.duration[::-1], motion.snap[::-1])
             last -= k
             motion = divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
         head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
@@ -204,29 +203,27 @@ class _Path:
                 return Tried(failed=(near, far if far < last - begins else whole))
         return Tried()
 
-    def _near_rest(self, duration: np.ndarray) -> tuple[int, float]:
+    def _near_rest(self, duration: np.ndarray, snap: np.ndarray) -> tuple[int, float]:
         """Return the time interval, and the time within it, up to which a motion from rest is not optimized."""
         ends = np.cumsum(duration[: 4 - self._unlimited])
         t = _AT_REST * float(ends[-1])
         # without a limit of the snap the jerk is constant from the start
         if not self._unlimited:
             first, second = duration[:2].tolist()
+            steady = second if snap[1] == 0.0 else 0.0  # a short ramp has no phase at constant jerk
             late = max(t, _LATE * first)
             early = min(max(t, _NEAR_REST * first), _EARLY * first)
-            t = late if t > early and late <= first + 0.5 * second else early
+            t = late if t > early and late <= first + 0.5 * steady else early
         k = int(np.searchsorted(ends, t))
         return k, t - float(ends[k - 1]) if k else t
 
     def _factor(self, motion: Motion) -> float:
-        """Return the factor of the time of a motion from or to rest that leaves some reserve of each limit along the
-        path.
-        """
+        """Return the factor of the time of a motion from or to rest that leaves some reserve of each limit."""
         if not len(motion.duration):
             return 1.0
-        p, r = int(motion.piece[-1]), rows_for(Derivatives, len(self._limits))
-        x, top = float(motion.x[-1]), float(self.top[p])
-        piece, end = piece_of(self._pieces, p), _end(motion)
-        return max(_QUICKER, spline.reserve_factor(piece, x, top, self._limits, _AT_ENDS, motion, end, r))
+        r, q = (rows_for(Derivatives, len(self._limits)) for _ in range(2))
+        factor = spline.reserve_factor(self._pieces, self.top, self._limits, _AT_ENDS, motion, r, q)
+        return max(_QUICKER, factor)
 
     def _between(
         self, motion: Motion, end: State, spans: int, factors: Sequence[float], beside: tuple[Motion, Motion]

@@ -25,7 +25,18 @@ from typing import NamedTuple
 
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Floats2, Ints, Records, Records2, zeros
-from feeddrive.path.motion import Derivatives, Limits, Motion, Piece, Pieces, cubic, derivatives, interval_of, way
+from feeddrive.path.motion import (
+    Derivatives,
+    Limits,
+    Motion,
+    Piece,
+    Pieces,
+    at_instant,
+    cubic,
+    derivatives,
+    interval_of,
+    way,
+)
 from feeddrive.path.schedule.ramp import Bounds, Slopes, bounds, boxcars, cube_root, duration, speed_cap, straight
 
 _LOOSE = 1.03  # relaxed limit at a violating point, relative to its present share
@@ -1043,40 +1054,35 @@ def approximation(
 
 @kernel
 def reserve_factor(
-    piece: Piece,
-    x: float,
-    top: float,
+    pieces: Pieces,
+    top: Floats,
     limits: Records[Limits],
     shares: Limits,
     motion: Motion,
-    end: State,
     r: Records[Derivatives],
+    q: Records[Derivatives],
 ) -> float:
-    """Return the factor of the time of a motion at which it uses no more than shares of each limit along the direction
-    of the path at x, of which `top` is the largest speed.
+    """Return the factor of the time of a motion at which it uses no more than shares of the limits of each axis, where
+    its time intervals begin and end; `top` is the largest speed on each piece.
 
-    end  the state at the end
-    r    workspace for each axis
+    r, q  workspace for each axis
     """
-    derivatives(piece.kind, piece.length, piece.shape, x, r)
-    v = abs(end.speed)
-    a = abs(end.acceleration)
-    j = abs(end.jerk)
-    s = 0.0
+    factor = 0.0
     for m in range(len(motion.duration)):
-        v = max(v, abs(motion.speed[m]))
-        a = max(a, abs(motion.acceleration[m]))
-        j = max(j, abs(motion.jerk[m]))
-        s = max(s, abs(motion.snap[m]))
-    room = _along(r, limits)
-    for i in range(len(limits)):
-        slope = abs(r[i].first)
-        if slope != 0.0:
-            top = min(top, limits[i].velocity / slope)
-    # a motion that takes f times as long has 1/f .. 1/f⁴ of the derivatives
-    factor = max(v / (shares.velocity * top), sqrt(a / (shares.acceleration * room.acceleration)))
-    factor = max(factor, cube_root(j / (shares.jerk * room.jerk)))
-    return max(factor, sqrt(sqrt(s / (shares.snap * room.snap))))
+        now = interval_of(motion, m)
+        for end in range(2):
+            t = float(end) * now.duration
+            p, _ = at_instant(pieces, now, motion.piece[m], t, r, q)
+            v = cubic(now.speed, now.acceleration, now.jerk, now.snap, t)
+            # a motion that takes f times as long has 1/f .. 1/f⁴ of the derivatives
+            factor = max(factor, abs(v) / (shares.velocity * top[p]))
+            for i in range(len(limits)):
+                most = limits[i]
+                factor = max(factor, abs(q[i].first) / (shares.velocity * most.velocity))
+                factor = max(factor, sqrt(abs(q[i].second) / (shares.acceleration * most.acceleration)))
+                factor = max(factor, cube_root(abs(q[i].third) / (shares.jerk * most.jerk)))
+                factor = max(factor, sqrt(sqrt(abs(q[i].fourth) / (shares.snap * most.snap))))
+    return factor
 
 
 @kernel
