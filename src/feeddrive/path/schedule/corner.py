@@ -395,7 +395,7 @@ def slower_overlap(
         if high - within <= _TOLERANT * high or high <= least:
             break
         lasts = 0.5 * (within + high)
-    best = least
+    best = -1e300
     found = 0.0
     factor = 1.0
     step = within / float(_SHORTER)
@@ -405,14 +405,12 @@ def slower_overlap(
         # in equal steps, then on either side of the best of them in steps that are halved
         lasts = within - float(k) * step
         if k >= _SHORTER:
-            if found == 0.0:
-                break
             if (k - _SHORTER) % 2 == 0:
                 step = 0.5 * step
                 middle = place
             lasts = min(middle + (step if (k - _SHORTER) % 2 == 0 else -step), within)
-        elif lasts <= best:
-            continue
+        if lasts <= max(best, least):
+            continue  # it would save less
         _share, distance, slower = together(one, two, lasts, limits, feed)
         slower = max(slower, 1.0) * (1.0 + 1e-9)
         saved = slower * lasts - (slower - 1.0) * whole
@@ -421,6 +419,8 @@ def slower_overlap(
             found = slower * lasts
             factor = slower
             place = lasts
+    if best <= least:
+        return 0.0, 1.0
     return found, factor
 
 
