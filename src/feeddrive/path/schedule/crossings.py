@@ -51,9 +51,11 @@ from feeddrive.path.schedule.corner import (
     straight,
     together,
 )
+from feeddrive.path.schedule.lift import divided
 from feeddrive.path.schedule.ramp import Slopes, bounds
 
 _SLOWED = (0.93, 0.85)  # shares of the jerk
+_BESIDE = 1e-9  # of the way to a joint is left of a plateau that is divided there
 MANY = 64  # largest number of lines that are planned in one call, which then takes some 10 ms
 
 
@@ -79,8 +81,11 @@ def overlapped(one: Part, two: Part, lasts: float, tolerance: float) -> tuple[li
 class _Stretch(NamedTuple):
     """The part of a motion that may be replanned: the time intervals from `first` up to but excluding `last`, on one
     line between two nodes.
+
+    motion  of the run, in which a plateau that goes on beyond the line is divided
     """
 
+    motion: Motion
     first: int
     last: int
     line: LineStretch
@@ -89,14 +94,14 @@ class _Stretch(NamedTuple):
 class _Run(NamedTuple):
     """A part of the motion whose end may still change, and its overlap with the previous part.
 
-    whole  stretch of a run along one line, whose head and tail are planned together; None for other runs
+    whole  the line of a run along one, whose head and tail are planned together; None for other runs
     seen   motion of such a run at its corners
     bump   True if it begins with a bump, which only the previous run beside it keeps within the limits
     """
 
     part: Part
     tolerance: float  # of the corner in which it ends, m
-    whole: _Stretch | None
+    whole: LineStretch | None
     seen: End | None = None
     lasts: float = 0.0  # s
     corner: float = 0.0  # tolerance of that corner
@@ -130,8 +135,8 @@ def _line_run(pieces: Pieces, runs: LineRuns, k: int, tolerance: float, corner: 
     seen = End(
         new, used, _time(motion), line.length, float(runs.feed[k]), runs.along[k], runs.most[k], LINE, runs.along
     )
-    stretch, bump = _Stretch(0, used, line), line.head.wide > 0.0
-    return _Run(Part(pieces, motion, True), tolerance, stretch, seen, float(runs.lasts[k]), corner, bump)
+    bump = line.head.wide > 0.0
+    return _Run(Part(pieces, motion, True), tolerance, line, seen, float(runs.lasts[k]), corner, bump)
 
 
 class Crossings:
@@ -181,7 +186,7 @@ class Crossings:
         end = _end(before, True)
         still = Node(0.0)
         _put(runs, 0, end, LineStretch(end.length, 0.0, 0.0, 0.0, 0.0, still, still), 0.0, one.corner)
-        _put(runs, 1, one.seen, one.whole.line, one.lasts, one.tolerance)
+        _put(runs, 1, one.seen, one.whole, one.lasts, one.tolerance)
         pieces = [before.pieces, one.part.pieces, *(section.pieces for section in lines.sections[first:])]
         leaves = _room(len(pieces))
         count = meet_lines(runs, self._limits, Both(*(rows_for(Interval, 2 * ROWS) for _ in range(2))), leaves)
@@ -252,8 +257,7 @@ class Crossings:
 
     def _met(self, one: _Run, two: _Run) -> tuple[_Run, _Run]:
         """Plan the corner between two runs; return both, the first one in its final form."""
-        tail = one.whole or self._tail(one.part)
-        head = two.whole or self._head(two.part)
+        tail, head = self._tail(one), self._head(two)
         if tail is not None and head is not None:
             return self._on_lines(one, tail, two, head)
         best, ways = self._stopped(one, two), [(one, two)]
@@ -284,11 +288,11 @@ class Crossings:
         if not count:
             return None
         k = len(run.part.pieces.length) - 1 if tail else 0
-        motion = _spliced(stretch, run.part.motion, k, motion_rows[:count])
+        motion = _spliced(stretch, k, motion_rows[:count])
         run = run._replace(part=run.part._replace(motion=motion))
-        if not run.whole:
+        if run.whole is None:
             return run
-        return run._replace(whole=_Stretch(0, count, line), seen=_made(run.seen, motion_rows[:count], motion))
+        return run._replace(whole=line, seen=_made(run.seen, motion_rows[:count], motion))
 
     def _holds(self, run: _Run) -> bool:
         """Return True if a replanned run still satisfies limits and tolerance in its overlap with the previous one."""
@@ -309,7 +313,6 @@ class Crossings:
     def _on_lines(self, one: _Run, tail: _Stretch, two: _Run, head: _Stretch) -> tuple[_Run, _Run]:
         """Plan the corner between two runs with these stretches of lines before and behind it."""
         end, begin = one.seen or _end(one.part, True), two.seen or _end(two.part, False)
-        motion0, motion1 = one.part.motion, two.part.motion
         # a run along one line is planned anew as a whole, so that its overlap with the run before must be checked again
         before = Before(end, 0.0, one.corner)
         if one.whole is not None and one.lasts > 0.0 and self._fixed is not None:
@@ -324,7 +327,7 @@ class Crossings:
             two.whole is not None,
             one.tolerance,
             self._limits,
-            _time(motion0, tail) + _time(motion1, head),
+            _stretch_time(tail) + _stretch_time(head),
             _longest(one, end, two, begin),
             rows0,
             rows1,
@@ -332,37 +335,59 @@ class Crossings:
         two = two._replace(lasts=found.lasts, corner=one.tolerance, bump=found.first > 0)
         if not found.first:
             # without a bump both may stop in the corner more slowly
-            return (one, two) if one.whole and two.whole else self._both_slower(one, two, (one, two))
+            alone = one.whole is not None and two.whole is not None
+            return (one, two) if alone else self._both_slower(one, two, (one, two))
         n = len(one.part.pieces.length) - 1
         rows0, rows1 = rows0[: found.first], rows1[: found.second]
-        made0, made1 = _spliced(tail, motion0, n, rows0), _spliced(head, motion1, 0, rows1)
+        made0, made1 = _spliced(tail, n, rows0), _spliced(head, 0, rows1)
         run = two._replace(
             part=two.part._replace(motion=made1),
-            whole=_Stretch(0, found.second, head.line._replace(head=found.node)) if two.whole else None,
+            whole=head.line._replace(head=found.node) if two.whole is not None else None,
             seen=_made(two.seen, rows1, made1),
         )
         return one._replace(part=one.part._replace(motion=made0), seen=_made(one.seen, rows0, made0)), run
 
-    def _tail(self, part: Part) -> _Stretch | None:
-        """Return the stretch from the first node on the last piece to the stop."""
+    def _tail(self, run: _Run) -> _Stretch | None:
+        """Return the stretch from the first node on the last piece to the stop, or from where the motion comes onto
+        this piece at constant speed.
+        """
+        part = run.part
+        if run.whole is not None:
+            return _Stretch(part.motion, 0, len(part.motion.duration), run.whole)
         motion, last = part.motion, len(part.pieces.length) - 1
         nodes = np.flatnonzero((motion.piece == last) & (motion.acceleration == 0.0) & (motion.jerk == 0.0))
         if not len(nodes) or part.pieces.kind[last] != LINE:
             return None
         m = int(nodes[0])
+        if m and _flat(motion, m - 1):
+            alone = float(motion.duration[m - 1] - (1.0 - _BESIDE) * motion.x[m] / motion.speed[m])
+            if alone > 0.0:
+                motion = divided(motion, m - 1, alone, part.pieces.length)
         length = float(part.pieces.length[last]) - float(motion.x[m])
         line = self._stretch(part.pieces, last, length, Node(float(motion.speed[m])), Node(0.0))
-        return _Stretch(m, len(motion.piece), line)
+        return _Stretch(motion, m, len(motion.piece), line)
 
-    def _head(self, part: Part) -> _Stretch | None:
-        """Return the stretch from rest to the last node on the first piece."""
+    def _head(self, run: _Run) -> _Stretch | None:
+        """Return the stretch from rest to the last node on the first piece, or to where the motion leaves this piece at
+        constant speed.
+        """
+        part = run.part
+        if run.whole is not None:
+            return _Stretch(part.motion, 0, len(part.motion.duration), run.whole)
         motion = part.motion
         nodes = np.flatnonzero((motion.piece == 0) & (motion.acceleration == 0.0) & (motion.jerk == 0.0))
         m = int(nodes[-1]) if len(nodes) else 0
         if not m or part.pieces.kind[0] != LINE:
             return None
-        line = self._stretch(part.pieces, 0, float(motion.x[m]), Node(0.0), Node(float(motion.speed[m])))
-        return _Stretch(0, m, line)
+        length, speed = float(motion.x[m]), float(motion.speed[m])
+        if _flat(motion, m):
+            lasts = (1.0 - _BESIDE) * (float(part.pieces.length[0]) - length) / speed
+            if lasts < motion.duration[m]:
+                motion = divided(motion, m, lasts, part.pieces.length)
+            length += speed * float(motion.duration[m])
+            m += 1
+        line = self._stretch(part.pieces, 0, length, Node(0.0), Node(speed))
+        return _Stretch(motion, 0, m, line)
 
     def _stretch(self, pieces: Pieces, k: int, length: float, head: Node, tail: Node) -> LineStretch:
         """Return a stretch of line k from node to node, as for `straight`."""
@@ -443,7 +468,7 @@ def _slower(run: _Run, factor: float) -> _Run:
     if run.whole is None or run.seen is None:
         return run
     # planned anew at its other corner with limits that make the same motion
-    line = run.whole.line
+    line = run.whole
     line = line._replace(
         fastest=line.fastest / factor,
         acceleration=line.acceleration / factor**2,
@@ -453,7 +478,7 @@ def _slower(run: _Run, factor: float) -> _Run:
         tail=_slower_node(line.tail, factor),
     )
     return run._replace(
-        whole=run.whole._replace(line=line), seen=_made(run.seen, rows(run.part.motion), run.part.motion)
+        whole=line, seen=_made(run.seen, rows(run.part.motion), run.part.motion)
     )
 
 
@@ -470,16 +495,26 @@ def _together(both: tuple[_Run, _Run]) -> float:
     return _time(one.part.motion) + _time(two.part.motion) - two.lasts
 
 
-def _time(motion: Motion, stretch: _Stretch | None = None) -> float:
-    return float((motion.duration[stretch.first : stretch.last] if stretch else motion.duration).sum())
+def _time(motion: Motion) -> float:
+    return float(motion.duration.sum())
 
 
-def _spliced(stretch: _Stretch, motion: Motion, k: int, new: np.ndarray) -> Motion:
-    """Replace a stretch on piece k of a motion by rows in the form of `straight`."""
-    if stretch.first == 0 and stretch.last == len(motion.duration):
+def _stretch_time(stretch: _Stretch) -> float:
+    return float(stretch.motion.duration[stretch.first : stretch.last].sum())
+
+
+def _flat(motion: Motion, m: int) -> bool:
+    """Return True if time interval m has constant speed."""
+    return motion.acceleration[m] == 0.0 and motion.jerk[m] == 0.0 and motion.snap[m] == 0.0
+
+
+def _spliced(stretch: _Stretch, k: int, new: np.ndarray) -> Motion:
+    """Replace a stretch on piece k of its motion by rows in the form of `straight`."""
+    motion, first, last, _ = stretch
+    if first == 0 and last == len(motion.duration):
         return from_rows(new, k, float(motion.x[0]))
-    parts = zip(motion, from_rows(new, k, float(motion.x[stretch.first])), strict=True)
-    return Motion._make([np.concatenate([old[: stretch.first], middle, old[stretch.last :]]) for old, middle in parts])
+    parts = zip(motion, from_rows(new, k, float(motion.x[first])), strict=True)
+    return Motion._make([np.concatenate([old[:first], middle, old[last:]]) for old, middle in parts])
 
 
 def _made(seen: End | None, new: np.ndarray, motion: Motion) -> End | None:
