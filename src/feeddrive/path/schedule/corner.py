@@ -534,7 +534,8 @@ class Ramps(NamedTuple):
 ROWS = 40  # largest number of time intervals of its motion
 _TRIES = 9  # largest number of trial speeds in a corner
 _NEAR = 0.005  # relative accuracy of this speed
-_RISES = 0.5  # of the width of a bump: longer rises of the acceleration are not tried
+_RISES = 0.5  # of the width of a bump: where ramps take longer to rise, the jerk is not loose
+_STEEP = 0.2  # of that width: where they rise faster, less of the jerk leaves the bump no more
 _SECANT = 0.1  # of the distance between two speeds: a secant nearer to the lower one is not used
 _PEAKS = 60  # largest number of trial peaks of a stretch
 _FULL = 1e-9  # of its length need not be used by ramps
@@ -877,16 +878,23 @@ def meet(
     stop = end
     start = begin
     reached = 0.0
-    for shape in range(6):
+    # part of the width of a bump in which the acceleration of a ramp rises
+    rise = one.acceleration * fastest / (one.jerk * 6.0 * near)
+    for shape in range(7):
         # ramps and bump add up on some axes and cancel on others: with less jerk for the ramps the bump may be faster
         share = 1.0 if shape == 0 else (0.93 if shape == 1 else (0.85 if shape == 2 else 0.7))
-        # where the jerk is loose the accelerations add up: ramps that rise over a part of the bump leave it more
         rises = 0.0
+        blunt = 0.0
+        if shape >= 1 and shape <= 3 and rise < _STEEP:
+            continue  # the jerk does not matter
         if shape >= 4:
-            if one.acceleration * fastest > _RISES * one.jerk * 6.0 * near:
+            if rise > _RISES:
                 break
+            # where the jerk is loose the accelerations add up: that of a blunt bump is smaller, and ramps that rise over
+            # a part of the bump leave it more
             share = 1.0
-            rises = 0.25 if shape == 4 else 0.5
+            rises = 0.0 if shape == 4 else (0.35 if shape == 5 else 0.6)
+            blunt = 0.5 if shape == 6 else 1.0
         low = reached  # slower ramps require a higher speed in the corner
         high = fastest
         above = 1.0  # largest share of a limit at `high`; 1 if unknown
@@ -895,7 +903,8 @@ def meet(
         v = fastest
         for again in range(_TRIES):
             # the snap of a bump is twice its jerk over s: at the limit of the jerk half of that of the snap
-            w, short = width(near / v, 4.0 * one.jerk / one.snap if one.snap < 1e299 else 0.0)
+            least = 4.0 * one.jerk / one.snap if one.snap < 1e299 else 0.0
+            w, short = width(near / v, max(least, blunt * near / v / (1.0 / 6.0 + blunt * blunt * (8.0 - blunt) / 192.0)))
             # the snaps of ramp and bump add up in the corner
             node = Node(v, w, short, share, 0.5, one.acceleration / (rises * w) if rises > 0.0 else 1e300)
             one = one._replace(tail=node)
