@@ -676,21 +676,23 @@ def test_three_tenths_of_what_is_lifted_wait(lifting: list[tuple[Part, list[Part
 
 
 @pytest.mark.parametrize(
-    ("phases", "number", "t"),
+    ("phases", "snap", "number", "t"),
     [
-        ((1e-6, 0.04, 1e-6, 0.06), 1, 0.005),  # a twentieth of half a ramp
-        ((0.02, 0.02, 0.02, 0.04), 0, 0.005),
-        ((0.02, 0.0, 0.002, 0.0), 0, 0.002),  # a tenth of the first phase at least
-        ((0.01, 0.0, 0.01, 0.5), 0, 0.005),  # at most a half of it, where the second leaves no room
-        ((0.01, 0.02, 0.01, 0.16), 1, 0.003),  # well behind it, where it does
+        ((1e-6, 0.04, 1e-6, 0.06), 0.0, 1, 0.005),  # a twentieth of half a ramp
+        ((0.02, 0.02, 0.02, 0.04), 0.0, 0, 0.005),
+        ((0.02, 0.0, 0.002, 0.0), 0.0, 0, 0.002),  # a tenth of the first phase at least
+        ((0.01, 0.0, 0.01, 0.5), 0.0, 0, 0.005),  # at most a half of it, where the second leaves no room
+        ((0.01, 0.02, 0.01, 0.16), 0.0, 1, 0.003),  # well behind it, where it does
+        ((0.01, 0.02, 0.01, 0.16), -1.0, 0, 0.005),  # not where the jerk falls again
     ],
 )
 def test_what_stays_near_rest_ends_early_in_the_first_phase_or_within_the_second(
-    phases: tuple[float, ...], number: int, t: float
+    phases: tuple[float, ...], snap: float, number: int, t: float
 ) -> None:
     """z = u'² grows as u^1.5 there, which no cubic spline follows."""
     path = lift._Path(lines(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]), 0.1), LIMITS)
-    assert path._near_rest(np.array([*phases, 1.0])) == (number, pytest.approx(t, rel=1e-3))
+    near = path._near_rest(np.array([*phases, 1.0]), np.array([1.0, snap, -1.0, 0.0, 0.0]))
+    assert near == (number, pytest.approx(t, rel=1e-3))
 
 
 def knot_times(duration: np.ndarray, speed: float, acceleration: float) -> np.ndarray:

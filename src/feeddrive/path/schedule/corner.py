@@ -890,8 +890,8 @@ def meet(
         if shape >= 4:
             if rise > _RISES:
                 break
-            # where the jerk is loose the accelerations add up: that of a blunt bump is smaller, and ramps that rise over
-            # a part of the bump leave it more
+            # where the jerk is loose the accelerations add up: that of a blunt bump, with a longer s, is smaller, and
+            # ramps that rise over a part of the bump leave it more
             share = 1.0
             rises = 0.0 if shape == 4 else (0.35 if shape == 5 else 0.6)
             blunt = 0.5 if shape == 6 else 1.0
@@ -904,7 +904,8 @@ def meet(
         for again in range(_TRIES):
             # the snap of a bump is twice its jerk over s: at the limit of the jerk half of that of the snap
             least = 4.0 * one.jerk / one.snap if one.snap < 1e299 else 0.0
-            w, short = width(near / v, max(least, blunt * near / v / (1.0 / 6.0 + blunt * blunt * (8.0 - blunt) / 192.0)))
+            blunted = blunt / (1.0 / 6.0 + blunt * blunt * (8.0 - blunt) / 192.0)  # s for s = blunt w, by phi(0)
+            w, short = width(near / v, max(least, blunted * near / v))
             # the snaps of ramp and bump add up in the corner
             node = Node(v, w, short, share, 0.5, one.acceleration / (rises * w) if rises > 0.0 else 1e300)
             one = one._replace(tail=node)

@@ -55,7 +55,7 @@ from feeddrive.path.schedule.lift import divided
 from feeddrive.path.schedule.ramp import Slopes, bounds
 
 _SLOWED = (0.93, 0.85)  # shares of the jerk
-_BESIDE = 1e-9  # of the way to a joint is left of a plateau that is divided there
+_BESIDE = 1e-6  # of a piece, or of the way to its joint, is left of a plateau that is divided there
 MANY = 64  # largest number of lines that are planned in one call, which then takes some 10 ms
 
 
@@ -358,13 +358,13 @@ class Crossings:
         nodes = np.flatnonzero((motion.piece == last) & (motion.acceleration == 0.0) & (motion.jerk == 0.0))
         if not len(nodes) or part.pieces.kind[last] != LINE:
             return None
-        m = int(nodes[0])
-        if m and _flat(motion, m - 1):
-            alone = float(motion.duration[m - 1] - (1.0 - _BESIDE) * motion.x[m] / motion.speed[m])
-            if alone > 0.0:
-                motion = divided(motion, m - 1, alone, part.pieces.length)
-        length = float(part.pieces.length[last]) - float(motion.x[m])
-        line = self._stretch(part.pieces, last, length, Node(float(motion.speed[m])), Node(0.0))
+        m, length = int(nodes[0]), float(part.pieces.length[last])
+        speed, here = float(motion.speed[m]), float(motion.x[m])
+        if m and _flat(motion, m - 1) and here > _BESIDE * length:
+            # it began on the piece before, otherwise its begin would be the first node
+            alone = float(motion.duration[m - 1]) - (1.0 - _BESIDE) * here / speed
+            motion = divided(motion, m - 1, alone, part.pieces.length)
+        line = self._stretch(part.pieces, last, length - float(motion.x[m]), Node(speed), Node(0.0))
         return _Stretch(motion, m, len(motion.piece), line)
 
     def _head(self, run: _Run) -> _Stretch | None:
@@ -379,14 +379,13 @@ class Crossings:
         m = int(nodes[-1]) if len(nodes) else 0
         if not m or part.pieces.kind[0] != LINE:
             return None
-        length, speed = float(motion.x[m]), float(motion.speed[m])
-        if _flat(motion, m):
-            lasts = (1.0 - _BESIDE) * (float(part.pieces.length[0]) - length) / speed
-            if lasts < motion.duration[m]:
-                motion = divided(motion, m, lasts, part.pieces.length)
-            length += speed * float(motion.duration[m])
+        length, speed, here = float(part.pieces.length[0]), float(motion.speed[m]), float(motion.x[m])
+        if _flat(motion, m) and length - here > _BESIDE * length:
+            if here + speed * float(motion.duration[m]) > length:
+                motion = divided(motion, m, (1.0 - _BESIDE) * (length - here) / speed, part.pieces.length)
+            here += speed * float(motion.duration[m])
             m += 1
-        line = self._stretch(part.pieces, 0, length, Node(0.0), Node(speed))
+        line = self._stretch(part.pieces, 0, here, Node(0.0), Node(speed))
         return _Stretch(motion, 0, m, line)
 
     def _stretch(self, pieces: Pieces, k: int, length: float, head: Node, tail: Node) -> LineStretch:
@@ -477,9 +476,7 @@ def _slower(run: _Run, factor: float) -> _Run:
         head=_slower_node(line.head, factor),
         tail=_slower_node(line.tail, factor),
     )
-    return run._replace(
-        whole=line, seen=_made(run.seen, rows(run.part.motion), run.part.motion)
-    )
+    return run._replace(whole=line, seen=_made(run.seen, rows(run.part.motion), run.part.motion))
 
 
 def _slower_node(node: Node, factor: float) -> Node:
