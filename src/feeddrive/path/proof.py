@@ -698,7 +698,7 @@ class _Reached(NamedTuple):
 
     state  x, u' .. u''' at the end of the previous part, on the first piece of the next one
     place  position there, m, shape (N,)
-    uses   peak utilization of each limit, shape (N, 4)
+    uses   peak utilization of each limit, shape (N, 4), or (0, 4) if nobody asks for it
     jumps  largest jumps at joints so far: of the position, m, and of velocity to jerk, as a share of its limit
     """
 
@@ -819,7 +819,7 @@ def _prove(
                 if which != -2:
                     count = _noted(faults, count, p, m, broke, float(which), 1.0)
                 # the reported use is that at these times; the proof itself needs no samples
-                for part in range(2):
+                for part in range(2 if len(uses) > 0 else 0):
                     t = t0 if part == 0 else 0.5 * (t0 + t1)
                     here = min(max(begin + way(v, a, j, s, t), 0.0), length[p])
                     derivatives(kind[p], length[p], shape[p], here, before)
@@ -1130,7 +1130,7 @@ def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
         True,
         False,
         True,
-        _Reached(state, np.zeros(axes), np.zeros((axes, 4)), np.zeros(2)),
+        _Reached(state, np.zeros(axes), np.zeros((0, 4)), np.zeros(2)),
         faults,
         _work_for(axes),
     )
