@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from feeddrive.language.kernels.source import by_field, rows_for
+from feeddrive.language.kernels.source import by_field, layout_of, rows_for
 from feeddrive.language.threads import in_order
 from feeddrive.path.motion import (
     LINE,
@@ -33,7 +33,7 @@ from feeddrive.path.motion import (
 from feeddrive.path.proof import DERIVATIVES, Broken, faults_of
 from feeddrive.path.schedule import spline
 from feeddrive.path.schedule.ramp import Slopes
-from feeddrive.path.schedule.spline import Basis, Forces, Points, Rates, Reached, Room, State
+from feeddrive.path.schedule.spline import Basis, Forces, Points, Rates, Reached, Room, State, Steepness
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -367,15 +367,16 @@ class _Path:
 
     def _points(self, time: np.ndarray, knots: np.ndarray) -> Points:
         pieces, axes = self._pieces, len(self._limits)
-        size = spline.POINTS * (len(time) + len(pieces.length))
+        first, last = self._begin.searchsorted(knots[[0, -1]])
+        size = spline.POINTS * (len(time) + int(last - first) + 1)
         filled = Points(
-            np.zeros(size, np.int64),
-            np.zeros(size),
-            rows_for(Rates, size, axes),
-            np.zeros(size),
-            np.zeros(size, np.int64),
-            np.zeros(size),
-            np.zeros(size),
+            np.empty(size, np.int64),
+            np.empty(size),
+            _unset(Rates, size, axes),
+            np.empty(size),
+            np.empty(size, np.int64),
+            np.empty(size),
+            np.empty(size),
         )
         count = spline.points(
             pieces,
@@ -414,8 +415,15 @@ def _exceeded(looked: Points, rows: np.ndarray, coefficient: np.ndarray) -> np.n
 
 def _room(m: int, n: int, axes: int) -> Room:
     """Return the work arrays of `quickest` for m points, n coefficients and a number of axes."""
-    forces = rows_for(Forces, m, axes)
-    return Room(np.zeros(m), np.zeros(m), forces, np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4)))
+    steepness, forces = _unset(Steepness, m, axes), _unset(Forces, m, axes)
+    return Room(
+        np.empty(m), np.empty(m), steepness, forces, np.empty(m), np.empty(n), np.empty(n), np.empty(n), np.empty((n, 4))
+    )
+
+
+def _unset(record: type, *sizes: int) -> np.ndarray:
+    """Return an array for records whose contents are not set."""
+    return np.empty((*sizes, layout_of(record).width))
 
 
 def _some_points(points: Points, first: int, last: int) -> Points:

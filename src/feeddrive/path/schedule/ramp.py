@@ -397,6 +397,8 @@ def _lacks(
     mixed = 3.0 * a * a + 4.0 * v * j
     for i in range(len(limits)):
         m1, m2, m3, m4 = most[i]
+        if m1 == 0.0:
+            continue  # the axis stands
         limit = limits[i]
         one = m1 * a
         over = m2 * v2 + one - limit.acceleration
