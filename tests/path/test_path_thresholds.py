@@ -689,8 +689,9 @@ def test_what_stays_near_rest_ends_early_in_the_first_phase_or_within_the_second
     phases: tuple[float, ...], number: int, t: float
 ) -> None:
     """z = u'² grows as u^1.5 there, which no cubic spline follows."""
-    path = lift._Path(lines(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]), 0.1), LIMITS)
-    assert path._near_rest(np.array([*phases, 1.0])) == (number, pytest.approx(t, rel=1e-3))
+    duration = np.array([*phases, 1.0])
+    for first, sense, given in ((0, 1, duration), (4, -1, duration[::-1].copy())):
+        assert lift.near_rest(given, first, sense, 5, 0) == (number, pytest.approx(t, rel=1e-3))
 
 
 def knot_times(duration: np.ndarray, speed: float, acceleration: float) -> np.ndarray:

@@ -14,26 +14,30 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from feeddrive.language.kernels.source import by_field, layout_of, rows_for
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.source import Floats, Records, by_field, layout_of, rows_for
 from feeddrive.language.threads import in_order
 from feeddrive.path.motion import (
     LINE,
     Derivatives,
+    Interval,
     Limits,
     Motion,
     Part,
+    Piece,
     Pieces,
+    appended,
     cubic,
+    interval_of,
     one_after_the_other,
     part_of_pieces,
-    piece_of,
     slowed,
     way,
 )
 from feeddrive.path.proof import DERIVATIVES, Broken, faults_of
 from feeddrive.path.schedule import spline
 from feeddrive.path.schedule.ramp import Slopes
-from feeddrive.path.schedule.spline import Basis, Forces, Points, Rates, Reached, Room, State, Steepness
+from feeddrive.path.schedule.spline import Basis, Forces, Points, Rates, Reached, Room, State, Steepness, reserve_factor
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -138,6 +142,132 @@ class Lifter:
         yield part
 
 
+class Prepared(NamedTuple):
+    """A section whose ends near rest are divided off.
+
+    first, last  the time intervals in between, up to but excluding `last`, of `count`
+    begin, end   factors of the time of what is before and behind them, that leave some reserve of each limit
+    state        u' .. u''' at the end of what is in between
+    """
+
+    first: int
+    last: int
+    count: int
+    begin: float
+    end: float
+    state: State
+
+
+@kernel
+def near_rest(duration: Floats, first: int, sense: int, count: int, unlimited: int) -> tuple[int, float]:
+    """Return the time interval, and the time within it, up to which a motion from rest is not optimized: from time
+    interval `first` on, in ascending order (`sense` 1) or in descending order (-1), of which there are `count`.
+
+    unlimited  0 if snap and jerk are limited, 1 if only the jerk is, and 2 if neither is
+    """
+    most = min(4 - unlimited, count)
+    whole = 0.0
+    for k in range(most):
+        whole = whole + duration[first + sense * k]
+    t = _AT_REST * whole
+    # without a limit of the snap the jerk is constant from the start
+    if unlimited == 0 and most > 1:
+        one = duration[first]
+        late = max(t, _LATE * one)
+        early = min(max(t, _NEAR_REST * one), _EARLY * one)
+        t = late if t > early and late <= one + 0.5 * duration[first + sense] else early
+    ends = 0.0
+    for k in range(most):
+        lasts = duration[first + sense * k]
+        if ends + lasts >= t:
+            return k, t - ends
+        ends = ends + lasts
+    return most, t - ends
+
+
+@kernel
+def split(motion: Motion, count: int, m: int, t: float, length: Floats) -> int:
+    """Split time interval m after the time t, on a path with pieces of the given lengths; return the new count."""
+    for back in range(count - m - 1):
+        k = count - 1 - back
+        appended(motion, k + 1, interval_of(motion, k), motion.piece[k])
+    T, x, v, a, j, s = interval_of(motion, m)
+    p = motion.piece[m]
+    there = x + way(v, a, j, s, t)
+    while there > length[p] and p + 1 < len(length):
+        there = there - length[p]
+        p = p + 1
+    motion.duration[m] = t
+    appended(motion, m + 1, Interval(T - t, there, cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s), p)
+    return count + 1
+
+
+@kernel
+def state_behind(motion: Motion, m: int) -> State:
+    """Return u' .. u''' at the end of time interval m."""
+    t, _, v, a, j, s = interval_of(motion, m)
+    return State(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s)
+
+
+@kernel
+def _reserve(
+    motion: Motion,
+    first: int,
+    last: int,
+    pieces: Pieces,
+    top: Floats,
+    limits: Records[Limits],
+    r: Records[Derivatives],
+) -> float:
+    """Return the factor of the time of some time intervals from or to rest that leaves some reserve of each limit along
+    the path.
+    """
+    if last == first:
+        return 1.0
+    p = motion.piece[last - 1]
+    piece = Piece(pieces.kind[p], pieces.length[p], pieces.shape[p])
+    end = state_behind(motion, last - 1)
+    x = motion.x[last - 1]
+    return max(_QUICKER, reserve_factor(piece, x, top[p], limits, _AT_ENDS, motion, first, last, end, r))
+
+
+@kernel
+def prepared(
+    motion: Motion,
+    begins: bool,
+    ends: bool,
+    unlimited: int,
+    pieces: Pieces,
+    top: Floats,
+    limits: Records[Limits],
+    plan: Motion,
+    r: Records[Derivatives],
+) -> Prepared:
+    """Copy a section, which may begin or end at rest, into `plan`, which has room for two more time intervals, and
+    divide it where what is not optimized near rest ends and begins.
+
+    unlimited  as for `near_rest`
+    r          workspace for each axis
+    """
+    count = len(motion.duration)
+    for m in range(count):
+        appended(plan, m, interval_of(motion, m), motion.piece[m])
+    first = 0
+    last = count
+    if begins:
+        k, t = near_rest(plan.duration, 0, 1, count, unlimited)
+        count = split(plan, count, k, t, pieces.length)
+        first = k + 1
+        last = last + 1
+    if ends:
+        k, t = near_rest(plan.duration, count - 1, -1, count, unlimited)
+        last = last - k
+        count = split(plan, count, last - 1, plan.duration[last - 1] - t, pieces.length)
+    begin = _reserve(plan, 0, first, pieces, top, limits, r)
+    end = _reserve(plan, last, count, pieces, top, limits, r)
+    return Prepared(first, last, count, begin, end, state_behind(plan, last - 1))
+
+
 class Tried(NamedTuple):
     """What became of a section.
 
@@ -178,55 +308,24 @@ class _Path:
         """
         if len(motion.duration) <= _HUMP and np.all(self._pieces.kind[motion.piece[0] : motion.piece[-1] + 1] == LINE):
             return Tried()  # on a line it is already time-optimal
-        lengths = self._pieces.length
-        first, last = 0, len(motion.duration)
-        whole = last
-        if begins:
-            k, t = self._near_rest(motion.duration)
-            motion = divided(motion, k, t, lengths)
-            first, last = k + 1, last + 1
-        if ends:
-            k, t = self._near_rest(motion.duration[::-1])
-            last -= k
-            motion = divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
-        head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
-        begin, end = self._factor(head), self._factor(tail)
-        between, state = _some(motion, first, last), _end(_some(motion, 0, last))
+        size = len(motion.duration) + 2
+        plan, r = _unset_motion(size), rows_for(Derivatives, len(self._limits))
+        made = prepared(motion, begins, ends, self._unlimited, self._pieces, self.top, self._limits, plan, r)
+        first, last, whole = made.first, made.last, len(motion.duration)
+        motion = _some(plan, 0, made.count)
+        head, tail = _some(plan, 0, first), _some(plan, last, made.count)
+        between = _some(plan, first, last)
+        begin, end = made.begin, made.end
         for one, two in dict.fromkeys([(begin, end), (max(begin, 1.0), max(end, 1.0))]):
-            before, behind = slowed(head, one), slowed(tail, two)
-            lifted = self._between(between, state, spans, (one, two), (before, behind))
+            beside = slowed(head, one), slowed(tail, two)
+            lifted = self._between(between, made.state, spans, (one, two), beside)
             if isinstance(lifted, Motion):
-                lifted = _one([before, lifted, behind])
                 return Tried(lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else Tried()
             if lifted is not None:
                 # the time interval that was divided near a rest at the start counts once
                 near, far = ((k + first - begins if k else 0) for k in lifted)
                 return Tried(failed=(near, far if far < last - begins else whole))
         return Tried()
-
-    def _near_rest(self, duration: np.ndarray) -> tuple[int, float]:
-        """Return the time interval, and the time within it, up to which a motion from rest is not optimized."""
-        ends = np.cumsum(duration[: 4 - self._unlimited])
-        t = _AT_REST * float(ends[-1])
-        # without a limit of the snap the jerk is constant from the start
-        if not self._unlimited:
-            first, second = duration[:2].tolist()
-            late = max(t, _LATE * first)
-            early = min(max(t, _NEAR_REST * first), _EARLY * first)
-            t = late if t > early and late <= first + 0.5 * second else early
-        k = int(np.searchsorted(ends, t))
-        return k, t - float(ends[k - 1]) if k else t
-
-    def _factor(self, motion: Motion) -> float:
-        """Return the factor of the time of a motion from or to rest that leaves some reserve of each limit along the
-        path.
-        """
-        if not len(motion.duration):
-            return 1.0
-        p, r = int(motion.piece[-1]), rows_for(Derivatives, len(self._limits))
-        x, top = float(motion.x[-1]), float(self.top[p])
-        piece, end = piece_of(self._pieces, p), _end(motion)
-        return max(_QUICKER, spline.reserve_factor(piece, x, top, self._limits, _AT_ENDS, motion, end, r))
 
     def _between(
         self, motion: Motion, end: State, spans: int, factors: Sequence[float], beside: tuple[Motion, Motion]
@@ -235,7 +334,7 @@ class _Path:
         is u' .. u''' at its end.
 
         Both states are those of a motion whose time is multiplied by one of the two factors.  `beside` are the motions
-        before and after, which are proven with it.  Where it fails, spans are halved; of a long motion that fails in
+        before and after, which are proven and returned with it.  Where it fails, spans are halved; of a long motion that fails in
         few places the range of time intervals around these is returned instead.
         """
         finer = np.ones(len(motion.duration), np.int64)
@@ -276,7 +375,7 @@ class _Path:
             return None, time, nowhere
         n = len(time) - 1
         looked = self._points(time, knots)
-        rows = rows_for(Basis, n)
+        rows = _unset(Basis, n)
         spline.rows_at_knots(knots, rows)
         if _quicker(looked, rows, coefficient, _FIRST, _NEAREST, 0, n):
             return None, time, _exceeded(looked, rows, coefficient)
@@ -285,8 +384,13 @@ class _Path:
         end = _slower(end, at_end)
         given = _reduced(n)
         failed = nowhere
-        timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
-        more = rows_for(State, n + 1), np.zeros((2 * _TOGETHER, 4))
+        head, tail = beside
+        before, count = len(head.duration), len(head.duration) + n + len(tail.duration)
+        whole = _unset_motion(count)
+        for column, one, two in zip(whole, head, tail, strict=True):
+            column[:before], column[before + n :] = one, two
+        timed = _some(whole, before, before + n)
+        more = np.empty((n + 1, len(State._fields))), np.empty((2 * _TOGETHER, 4))
         tried, new = coefficient.copy(), [(0, n)]
         for number in range(1, _ROUNDS + 1):
             for first, last in new if number > 1 else ():
@@ -301,13 +405,13 @@ class _Path:
             if not spline.in_time(knots, tried, self._begin, starts, end, _TOGETHER, timed, *more):
                 return None, time, nowhere  # it moves backwards between the evaluated points
             if number == 1:
-                head, tail = beside
-                faults = self._faults(_one([head, timed, tail]), 0, n + len(head.duration) + len(tail.duration))
-                faults = faults - Broken(0.0, len(head.duration), 0.0, 0.0, 0.0)
+                faults = self._faults(whole, 0, count)
+                if len(faults):
+                    faults = faults - Broken(0.0, before, 0.0, 0.0, 0.0)
             else:
                 faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
-                return timed, time, nowhere
+                return whole, time, nowhere
             where = np.asarray(by_field(Broken, faults).interval)
             if np.any((where < 0) | (where >= n)):
                 return None, time, nowhere  # not the spline but the motion before or after it
@@ -334,7 +438,7 @@ class _Path:
         # `in_time` corrects the snaps of a whole group, which has up to twice as many spans at the end
         first, last = max(first - 2 * _TOGETHER, 0), last + 2 * _TOGETHER
         faults = faults_of(self._pieces, _some(motion, first, last), self._limits)
-        return faults + Broken(0.0, first, 0.0, 0.0, 0.0)
+        return faults + Broken(0.0, first, 0.0, 0.0, 0.0) if len(faults) else faults
 
     def _spline(
         self, motion: Motion, end: State, spans: int, factors: Sequence[float], finer: np.ndarray
@@ -346,20 +450,22 @@ class _Path:
         n = len(motion.duration)
         spans = min(spans, n)
         wide, share = _HALF[self._unlimited]
-        step, edge = np.zeros(n), np.zeros(n + 1)
+        step, edge = np.empty(n), np.empty(n + 1)
         phases = _first_phase(motion), _first_phase(motion, -1)
         spline.spacing(motion, end, spans, min(wide, n), share, self._from_rest, finer, *phases, step, edge)
         kept = finer[:spans]
-        time = np.concatenate([[0.0], np.cumsum(np.repeat(motion.duration[:spans] / kept, kept))])
+        time = np.zeros(1)
+        if spans:
+            time = np.concatenate([time, np.cumsum(np.repeat(motion.duration[:spans] / kept, kept))])
         if spans < n:
             lasting, step, edge = motion.duration[spans:], step[spans:], edge[spans:]
-            behind = np.zeros(spline.graded_room(lasting, step, edge))
+            behind = np.empty(spline.graded_room(lasting, step, edge))
             behind = behind[: spline.instants(lasting, step, edge, behind)]
-            time = np.concatenate([time[:-1], time[-1] + behind])
+            time = np.concatenate([time[:-1], time[-1] + behind]) if spans else behind
         m = len(time)
         if m > _MOST:
             return time, np.zeros(0), np.zeros(0), False
-        knots, coefficient, room = np.zeros(m + 6), np.zeros(m + 2), rows_for(Reached, m)
+        knots, coefficient, room = np.empty(m + 6), np.empty(m + 2), _unset(Reached, m)
         blended = min(_BLENDED, (m - 4) // 2)
         one, two = factors
         moves = spline.approximation(motion, self._begin, time, end, one, two, blended, room, knots, coefficient)
@@ -396,9 +502,11 @@ def _quicker(
     looked: Points, rows: np.ndarray, coefficient: np.ndarray, begins: float, ends: float, first: int, last: int
 ) -> int:
     """Run `quickest` on the spans from `first` up to but excluding `last`; three coefficients at each end are fixed."""
-    begins_at, ends_at = np.searchsorted(looked.span, [first, last]).tolist()
-    part = _some_points(looked, begins_at, ends_at)
-    part = part._replace(span=part.span - first)
+    part = looked
+    if last - first < len(rows):
+        begins_at, ends_at = np.searchsorted(looked.span, [first, last]).tolist()
+        part = _some_points(looked, begins_at, ends_at)
+        part = part._replace(span=part.span - first)
     m, axes, _ = np.asarray(part.r).shape
     n = last - first + 3
     return spline.quickest(
@@ -518,9 +626,16 @@ def _first_phase(motion: Motion, sense: int = 1) -> float:
     """Return the duration of the first (`sense` 1) or last (-1) time interval, s, or that of its neighbor if it is a
     plateau shorter than that, as ramps may leave plateaus of the size of their error.
     """
-    duration, acceleration, jerk, snap = (column[::sense] for column in (motion.duration, *motion[4:]))
-    flat = acceleration[0] == 0.0 and jerk[0] == 0.0 and snap[0] == 0.0
-    return float(np.max(duration[: 2 if flat else 1]))
+    end, next_to = (0, 1) if sense == 1 else (-1, -2)
+    flat = motion.acceleration[end] == 0.0 and motion.jerk[end] == 0.0 and motion.snap[end] == 0.0
+    if flat and len(motion.duration) > 1:
+        return max(float(motion.duration[end]), float(motion.duration[next_to]))
+    return float(motion.duration[end])
+
+
+def _unset_motion(n: int) -> Motion:
+    """Return a motion of n time intervals that are not set."""
+    return Motion(np.empty(n), np.empty(n, np.int64), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
 
 
 def _some(motion: Motion, first: int, last: int) -> Motion:

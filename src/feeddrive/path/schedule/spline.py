@@ -1092,11 +1092,13 @@ def reserve_factor(
     limits: Records[Limits],
     shares: Limits,
     motion: Motion,
+    first: int,
+    last: int,
     end: State,
     r: Records[Derivatives],
 ) -> float:
-    """Return the factor of the time of a motion at which it uses no more than shares of each limit along the direction
-    of the path at x, of which `top` is the largest speed.
+    """Return the factor of the time of time intervals `first` up to but excluding `last` of a motion at which they use
+    no more than shares of each limit along the direction of the path at x, of which `top` is the largest speed.
 
     end  the state at the end
     r    workspace for each axis
@@ -1106,7 +1108,7 @@ def reserve_factor(
     a = abs(end.acceleration)
     j = abs(end.jerk)
     s = 0.0
-    for m in range(len(motion.duration)):
+    for m in range(first, last):
         v = max(v, abs(motion.speed[m]))
         a = max(a, abs(motion.acceleration[m]))
         j = max(j, abs(motion.jerk[m]))
