@@ -829,7 +829,7 @@ def test_a_section_is_halved_if_each_half_can_have_a_ramp_up_a_plateau_and_a_ram
 def test_a_plateau_is_kept_from_995_thousandths_of_the_highest_speed_on(share: float, sections: int) -> None:
     zero = np.zeros(3)
     motion = Motion(zero + 1.0, np.zeros(3, np.int64), zero, zero + share, np.array([1.0, 0.0, -1.0]), zero, zero)
-    assert len(lift._sections(motion, np.zeros(4, bool), np.ones(1), np.ones(1))) == sections
+    assert len(lift._sections(motion, np.zeros(4, np.int64), np.ones(1), np.ones(1))) == sections
 
 
 def test_a_limit_whose_proof_fails_is_lowered_by_two_percent_nearby(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1112,7 +1112,7 @@ def _weighted(part: Part, weights: np.ndarray) -> Part:
 
 
 def _work_for(axes: int) -> _Work:
-    return _Work(np.zeros((64, 2)), np.zeros((axes, 4, 2)), np.zeros((3, axes, 5)), np.zeros((2, axes, 5)))
+    return _Work(np.empty((64, 2)), np.empty((axes, 4, 2)), np.empty((3, axes, 5)), np.empty((2, axes, 5)))
 
 
 def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
@@ -1121,7 +1121,7 @@ def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
     """
     axes, first = len(limits), int(motion.piece[0])
     state = np.array([motion.x[0], motion.speed[0], motion.acceleration[0], motion.jerk[0]])
-    faults = np.zeros((_KEPT, 5))
+    faults = np.empty((_KEPT, 5))
     _, count = _prove(
         part_of_pieces(pieces, first, len(pieces.length)),
         motion._replace(piece=motion.piece - first),

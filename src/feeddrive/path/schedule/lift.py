@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from feeddrive.language.kernels.kernel import kernel
-from feeddrive.language.kernels.source import Floats, Records, by_field, layout_of, rows_for
+from feeddrive.language.kernels.source import Floats, Ints, Records, by_field, layout_of, rows_for
 from feeddrive.language.threads import in_order
 from feeddrive.path.motion import (
     LINE,
@@ -268,6 +268,82 @@ def prepared(
     return Prepared(first, last, count, begin, end, state_behind(plan, last - 1))
 
 
+@kernel
+def unlimited_of(limits: Records[Limits]) -> int:
+    """Return the largest number of absent limits of jerk and snap of an axis."""
+    most = 0
+    for i in range(len(limits)):
+        jerk = limits[i].jerk
+        snap = limits[i].snap
+        # infinity less infinity is no number
+        most = max(most, (0 if jerk - jerk == 0.0 else 1) + (0 if snap - snap == 0.0 else 1))
+    return most
+
+
+@kernel
+def rests(motion: Motion, out: Ints) -> int:
+    """Write 1 where the motion is at rest, and 0 elsewhere: at the start of each time interval, and at the end."""
+    n = len(motion.duration)
+    end = state_behind(motion, n - 1).speed
+    most = end
+    for m in range(n):
+        most = max(most, motion.speed[m])
+    slow = _RESTS * most
+    before = end
+    for m in range(n + 1):
+        speed = motion.speed[m] if m < n else end
+        out[m] = 1 if speed <= slow else 0
+        # the first phase from rest, and the last one to rest, may be so short that they hardly move
+        if m == 0:
+            if motion.speed[0] != 0.0 and motion.acceleration[0] != 0.0:
+                out[m] = 0
+        elif m < n:
+            after = motion.speed[m + 1] if m + 1 < n else end
+            if speed >= before or speed >= after:
+                out[m] = 0
+        before = speed
+    return 0
+
+
+@kernel
+def _is_top(motion: Motion, m: int, top: Floats, length: Floats) -> bool:
+    """Return True for a plateau at the largest speed of the pieces on which it lies."""
+    if motion.acceleration[m] != 0.0 or motion.jerk[m] != 0.0 or motion.snap[m] != 0.0:
+        return False
+    last = len(top) - 1
+    if m + 1 < len(motion.duration):
+        # a time interval that ends at a joint is not affected by the piece after it
+        last = motion.piece[m + 1]
+        if motion.x[m + 1] <= 1e-9 * length[last]:
+            last = last - 1
+    most = top[motion.piece[m]]
+    for p in range(motion.piece[m], last + 1):
+        most = max(most, top[p])
+    return motion.speed[m] >= _TOP * most
+
+
+@kernel
+def sections(motion: Motion, rests: Ints, top: Floats, length: Floats, begins: Ints, ends: Ints) -> int:
+    """Write the ranges of time intervals that can be lifted, and return their number; they are separated by standstills
+    or plateaus at top speed.
+
+    rests        as written by `rests`
+    top, length  largest speed that feed and velocity limits allow on each piece, and the length of the pieces
+    """
+    count = 0
+    first = 0
+    n = len(motion.duration)
+    for last in range(n + 1):
+        flat = last < n and _is_top(motion, min(last, n - 1), top, length)
+        if last == n or flat or rests[last] != 0:
+            if last > first:
+                begins[count] = first
+                ends[count] = last
+                count = count + 1
+            first = last + 1 if flat else last
+    return count
+
+
 class Tried(NamedTuple):
     """What became of a section.
 
@@ -288,8 +364,8 @@ class _Path:
         n, axes = len(pieces.length), len(limits)
         self._pieces, self._limits = pieces, limits
         self._begin = np.concatenate([[0.0], np.cumsum(pieces.length)])
-        self._unlimited = int(np.max(np.sum(np.isinf(limits[:, 2:]), axis=1)))  # of jerk and snap
-        self.top, self._from_rest = np.zeros(n), np.zeros(n)
+        self._unlimited = unlimited_of(limits)
+        self.top, self._from_rest = np.empty(n), np.empty(n)
         spline.tops(pieces, limits, self.top, self._from_rest, rows_for(Slopes, axes))
 
     def gain(self, motion: Motion, first: int, last: int) -> float:
@@ -570,22 +646,11 @@ def _around_time(motion: Motion, first: int, last: int) -> float:
 
 
 def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.ndarray) -> list[tuple[int, int]]:
-    """Return the ranges of time intervals that can be lifted; they are separated by standstills or plateaus at top
-    speed.
-    """
-    flat = (motion.acceleration == 0.0) & (motion.jerk == 0.0) & (motion.snap == 0.0)
-    # a time interval that ends at a joint is not affected by the piece after it
-    end = np.append(motion.piece[1:] - (motion.x[1:] <= 1e-9 * length[motion.piece[1:]]), len(top) - 1)
-    end = np.maximum(end, motion.piece)
-    for m in np.flatnonzero(flat):
-        flat[m] = motion.speed[m] >= _TOP * np.max(top[motion.piece[m] : end[m] + 1])
-    sections: list[tuple[int, int]] = []
-    first = 0
-    for last in np.flatnonzero(np.append(flat, True) | rests):
-        if last > first:
-            sections.append((first, int(last)))
-        first = int(last) + (1 if last < len(flat) and flat[last] else 0)
-    return sections
+    """Return the ranges of time intervals that can be lifted; `rests` is that of `_rests`."""
+    out = np.empty((2, len(motion.duration) + 1), np.int64)
+    begins, ends = out
+    count = sections(motion, rests, top, length, begins, ends)
+    return list(zip(begins[:count].tolist(), ends[:count].tolist(), strict=True))
 
 
 def _nodes_around(motion: Motion, first: int, last: int) -> tuple[int, int] | None:
@@ -610,16 +675,10 @@ def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
 
 
 def _rests(motion: Motion) -> np.ndarray:
-    """Return a bool array that is True where the motion is at rest.
-
-    It has a value for the start of each time interval, and one for the end of the last interval.
-    """
-    speed = np.append(motion.speed, _end(motion).speed)
-    slow = speed <= _RESTS * np.max(speed)
-    # the first phase from rest, and the last one to rest, may be so short that they hardly move
-    slow[0] = slow[0] and (motion.speed[0] == 0.0 or motion.acceleration[0] == 0.0)
-    slow[1:-1] &= (speed[1:-1] < speed[:-2]) & (speed[1:-1] < speed[2:])
-    return slow
+    """Return 1 where the motion is at rest, and 0 elsewhere: at the start of each time interval, and at the end."""
+    out = np.empty(len(motion.duration) + 1, np.int64)
+    rests(motion, out)
+    return out
 
 
 def _first_phase(motion: Motion, sense: int = 1) -> float:
