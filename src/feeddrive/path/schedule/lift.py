@@ -116,7 +116,8 @@ class Lifter:
                 first, last = waiting.pop()
                 begins, ends = bool(rests[first]), bool(rests[last])
                 # an estimate, not a bound: lifting 1,908 ramps gained at most 0.69 of it
-                if path.gain(motion, first, last) < _LITTLE * _around_time(motion, first, last):
+                gain = path.gain(motion, first, last)
+                if gain < np.inf and gain < _LITTLE * _around_time(motion, first, last):
                     continue
                 tried = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
                 if tried.motion is not None:
@@ -478,7 +479,7 @@ class _Path:
                     if _quicker(looked, rows, tried, *_AGAIN, 0, n):
                         return None, time, _exceeded(looked, rows, tried)
                     break
-            if not spline.in_time(knots, tried, self._begin, starts, end, _TOGETHER, timed, *more):
+            if not spline.in_time(knots, tried, rows, self._begin, starts, end, _TOGETHER, timed, *more):
                 return None, time, nowhere  # it moves backwards between the evaluated points
             if number == 1:
                 faults = self._faults(whole, 0, count)

@@ -1255,6 +1255,7 @@ def _bent(first: int, last: int, miss: Reached, duration: Floats, snap: Floats, 
 def in_time(
     knots: Floats,
     coefficient: Floats,
+    rows: Records[Basis],
     begin: Floats,
     starts: State,
     ends: State,
@@ -1272,23 +1273,23 @@ def in_time(
     apply, whatever rounding makes of z there.
     """
     n = len(motion.duration)
-    for k in range(n + 1):
-        near = min(k, n - 1)
-        z = at(basis(knots, near, knots[k + 3]), coefficient, near)
-        if z.z <= 0.0 and k > 0 and k < n:
+    for k in range(1, n):
+        z = at(rows[k], coefficient, k)
+        if z.z <= 0.0:
             return False
-        v = sqrt(max(z.z, 0.0))
+        v = sqrt(z.z)
         at_knots[k] = State(v, 0.5 * z.z1, 0.5 * v * z.z2)
     at_knots[0] = starts
     at_knots[n] = ends
     for k in range(n):
         h = knots[k + 4] - knots[k + 3]
+        begins = at(rows[k], coefficient, k)
         lasts = 0.0
         for number in range(4):
             place = 0.8611363115940526 if number % 2 == 0 else 0.3399810435848563
             share = 0.3478548451374538 if number % 2 == 0 else 0.6521451548625461
             place = 0.5 - 0.5 * place if number < 2 else 0.5 + 0.5 * place
-            z = at(basis(knots, k, knots[k + 3] + place * h), coefficient, k)
+            z = shifted(begins, place * h)
             if z.z <= 0.0:
                 return False
             lasts = lasts + 0.5 * share * h / sqrt(z.z)
