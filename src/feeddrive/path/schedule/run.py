@@ -30,7 +30,7 @@ SHARES = ((0.9, 0.6), (0.7, 0.4))
 # a second plan takes as long as the first: where the first has been faster in _SURE windows of a run in sequence, the
 # second is made in every _AGAIN-th window only
 _SURE = 2
-_AGAIN = 4
+_AGAIN = 8
 _FEW = 3  # number of stretches from rest to rest: lifting finds what a second plan of so few would
 # 3,000 chords of 1 mm take 0.4 % longer with windows of 400 pieces of which 0.6 are kept, and 1.15 times the CPU
 WINDOW = 800  # number of pieces
@@ -58,8 +58,16 @@ class _Rooms:
     """
 
     def __init__(self, pieces: Pieces, limits: np.ndarray) -> None:
-        self._given = pieces, limits
-        self._made = [_room_of(*self._given, SHARES[0])]
+        self._given, self._norms = (pieces, limits), np.empty(len(pieces.length))
+        most = rows_for(Slopes, len(pieces.length), len(limits))
+        self._made = [self._room(most, SHARES[0], False)]
+
+    def _room(self, most: np.ndarray, shares: tuple[float, float], known: bool) -> _Room:
+        """Return the room for a pair of shares, with the bounds in `most` if they are `known`."""
+        pieces, limits = self._given
+        room = _Room(most, rows_for(Cap, len(pieces.length)))
+        pieces_room(pieces, limits, *shares, known, most, self._norms, room.caps)
+        return room
 
     @property
     def first(self) -> _Room:
@@ -69,7 +77,7 @@ class _Rooms:
     def __iter__(self) -> Iterator[_Room]:
         yield self.first
         for shares in SHARES[len(self._made) :]:
-            self._made.append(_room_of(*self._given, shares))
+            self._made.append(self._room(self.first.most, shares, True))
         yield from self._made[1:]
 
     def extend(self, pieces: Pieces) -> None:
@@ -241,14 +249,6 @@ class Schedule:
         room = Motion(np.zeros(size), np.zeros(size, np.int64), *(np.zeros(size) for _ in range(5)))
         count = timed(begin, np.ascontiguousarray(rows), room)
         return Part(pieces, Motion._make([array[:count].copy() for array in room]), ends)
-
-
-def _room_of(pieces: Pieces, limits: np.ndarray, shares: tuple[float, float]) -> _Room:
-    """Return the bounds and caps of pieces for a pair of shares."""
-    n = len(pieces.length)
-    room = _Room(rows_for(Slopes, n, len(limits)), rows_for(Cap, n))
-    pieces_room(pieces, limits, *shares, *room)
-    return room
 
 
 def _fastest(

@@ -157,6 +157,9 @@ class Steepness(NamedTuple):
     s_below: float
 
 
+_LEVEL = Steepness(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
 class Room(NamedTuple):
     """Work arrays of `quickest`.
 
@@ -356,7 +359,7 @@ def _expanded(
         if _stands(r[i]):
             continue
         a_up, a_down, j_up, j_down, s_up, s_down = forces[i]
-        known = steepness[i]
+        known = _LEVEL
         if speeds:
             # second derivatives of g are omitted (Gauss-Newton), so that the Hessian stays positive definite
             g, g0, g1, _, _ = _acceleration(z, r[i])
