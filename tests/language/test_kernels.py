@@ -20,8 +20,8 @@ import pytest
 
 from feeddrive.language import ops
 from feeddrive.language.kernels import kernel as module
-from feeddrive.language.kernels.elementary import floor_division
 from feeddrive.language.kernels import objects
+from feeddrive.language.kernels.elementary import floor_division
 from feeddrive.language.kernels.kernel import QUICK, THOROUGH, Kernel, interpreted
 from feeddrive.language.kernels.objects import DATA, SIZES, WORD, WORD_AT
 from feeddrive.language.kernels.source import KernelError
@@ -357,7 +357,10 @@ def test_an_array_object_has_the_address_of_its_first_cell_and_its_sizes(tmp_pat
         assert tuple(WORD_AT(sizes + WORD * index).value for index in range(each.ndim)) == each.shape
 
 
-@pytest.mark.parametrize("name", ["SIZES", "DATA", "_TYPE", "_VALUE", "_DIGITS", "_ITEMS", "_INDICES", "_DTYPE", "_FLAGS"])
+PLACES = ["SIZES", "DATA", "_TYPE", "_VALUE", "_DIGITS", "_ITEMS", "_INDICES", "_DTYPE", "_FLAGS"]
+
+
+@pytest.mark.parametrize("name", PLACES)
 def test_objects_of_another_layout_are_refused(name: str, monkeypatch: pytest.MonkeyPatch):
     """What is looked for there stands one word away."""
     monkeypatch.setattr(objects, name, getattr(objects, name) + WORD)

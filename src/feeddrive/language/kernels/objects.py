@@ -20,7 +20,7 @@ from feeddrive.language.kernels.source import Type
 from feeddrive.language.machine_code import MachineCode, machine_code, target
 
 UNFIT = -1
-"""The status of a call with an argument that is not exactly of the type of its parameter; that of a kernel is not negative."""
+"""The status of a call with an argument that is not exactly of the type of its parameter; no kernel returns it."""
 FIRST = 3  # words of a call: addresses of the description and of the arguments, and 1 if Python has checked these
 WORD = 8  # bytes
 DTYPES: dict[str, np.dtype[Any]] = {
@@ -29,16 +29,15 @@ DTYPES: dict[str, np.dtype[Any]] = {
     "record": np.dtype(np.float64),
 }
 
-# of CPython: the type ends the header of an object; then a float, also one of numpy, has its value, and an int its sign and the number of
-# its digits, of 30 bits; a tuple has its size, and somewhere behind it the addresses of its items
+# of CPython: the header of an object ends with its type; then a float (of numpy, too) has its value, an int its sign
+# and the number of its digits, of 30 bits, and a tuple its size, and somewhere behind it the addresses of its items
 _TYPE = object.__basicsize__ - WORD
 _VALUE = object.__basicsize__
 _DIGITS = int.__basicsize__
 _ITEMS = tuple.__basicsize__
 # sign and number of digits are one signed number up to Python 3.11, and later the number times 8 plus 1 less the sign
 _SIGNED = sys.version_info < (3, 12)
-# of NumPy 2, PyArrayObject: address of the first cell, number of indices, address of the sizes, strides, base, dtype and
-# flags
+# PyArrayObject of NumPy 2: first cell, number of indices, address of the sizes, strides, base, dtype, flags
 DATA = object.__basicsize__
 _INDICES = DATA + WORD
 SIZES = DATA + 2 * WORD
@@ -267,8 +266,9 @@ def reader() -> tuple[MachineCode, int]:
         carray=_CARRAY,
         unfit=UNFIT,
     )
-    code = machine_code(f'target triple = "{target()[0]}"\n{text}', ["feeddrive_read"], effort=2, passes=("simplify_cfg",))
-    return code, code.addresses["feeddrive_read"]
+    name = "feeddrive_read"
+    code = machine_code(f'target triple = "{target()[0]}"\n{text}', [name], effort=2, passes=("simplify_cfg",))
+    return code, code.addresses[name]
 
 
 def description(parameters: Sequence[Type], entry: int) -> tuple[ctypes.Array[ctypes.c_int64], int]:

@@ -411,8 +411,8 @@ class _Path:
         is u' .. u''' at its end.
 
         Both states are those of a motion whose time is multiplied by one of the two factors.  `beside` are the motions
-        before and after, which are proven and returned with it.  Where it fails, spans are halved; of a long motion that fails in
-        few places the range of time intervals around these is returned instead.
+        before and after, which are proven and returned with it.  Where it fails, spans are halved; of a long motion
+        that fails in few places the range of time intervals around these is returned instead.
         """
         finer = np.ones(len(motion.duration), np.int64)
         for again in range(_REFINED):
@@ -600,10 +600,9 @@ def _exceeded(looked: Points, rows: np.ndarray, coefficient: np.ndarray) -> np.n
 
 def _room(m: int, n: int, axes: int) -> Room:
     """Return the work arrays of `quickest` for m points, n coefficients and a number of axes."""
+    share, loose, force = (np.empty(m) for _ in range(3))
     steepness, forces = _unset(Steepness, m, axes), _unset(Forces, m, axes)
-    return Room(
-        np.empty(m), np.empty(m), steepness, forces, np.empty(m), np.empty(n), np.empty(n), np.empty(n), np.empty((n, 4))
-    )
+    return Room(share, loose, steepness, forces, force, np.empty(n), np.empty(n), np.empty(n), np.empty((n, 4)))
 
 
 def _unset(record: type, *sizes: int) -> np.ndarray:

@@ -136,8 +136,8 @@ class Forces(NamedTuple):
 
 
 class Steepness(NamedTuple):
-    """The derivatives of the shares of acceleration, jerk and snap of an axis with respect to z .. z''', and the inverse
-    of their distances to the limits in both directions, where the system was assembled last.
+    """The derivatives of the shares of acceleration, jerk and snap of an axis with respect to z .. z''', and the
+    inverse of their distances to the limits in both directions, where the system was assembled last.
     """
 
     a0: float
