@@ -146,14 +146,14 @@ class Lifter:
 class Prepared(NamedTuple):
     """A section whose ends near rest are divided off.
 
-    first, last  the time intervals in between, up to but excluding `last`, of `count`
+    first, last  the time intervals in between, up to but excluding `last`, of `size`
     begin, end   factors of the time of what is before and behind them, that leave some reserve of each limit
     state        u' .. u''' at the end of what is in between
     """
 
     first: int
     last: int
-    count: int
+    size: int
     begin: float
     end: float
     state: State
@@ -191,9 +191,9 @@ def split(motion: Motion, count: int, m: int, t: float, length: Floats) -> int:
     """Split time interval m after the time t, on a path with pieces of the given lengths; return the new count."""
     for back in range(count - m - 1):
         k = count - 1 - back
-        appended(motion, k + 1, interval_of(motion, k), motion.piece[k])
+        appended(motion, k + 1, interval_of(motion, k), int(motion.piece[k]))
     T, x, v, a, j, s = interval_of(motion, m)
-    p = motion.piece[m]
+    p = int(motion.piece[m])
     there = x + way(v, a, j, s, t)
     while there > length[p] and p + 1 < len(length):
         there = there - length[p]
@@ -225,7 +225,7 @@ def _reserve(
     """
     if last == first:
         return 1.0
-    p = motion.piece[last - 1]
+    p = int(motion.piece[last - 1])
     piece = Piece(pieces.kind[p], pieces.length[p], pieces.shape[p])
     end = state_behind(motion, last - 1)
     x = motion.x[last - 1]
@@ -252,7 +252,7 @@ def prepared(
     """
     count = len(motion.duration)
     for m in range(count):
-        appended(plan, m, interval_of(motion, m), motion.piece[m])
+        appended(plan, m, interval_of(motion, m), int(motion.piece[m]))
     first = 0
     last = count
     if begins:
@@ -389,8 +389,8 @@ class _Path:
         plan, r = _unset_motion(size), rows_for(Derivatives, len(self._limits))
         made = prepared(motion, begins, ends, self._unlimited, self._pieces, self.top, self._limits, plan, r)
         first, last, whole = made.first, made.last, len(motion.duration)
-        motion = _some(plan, 0, made.count)
-        head, tail = _some(plan, 0, first), _some(plan, last, made.count)
+        motion = _some(plan, 0, made.size)
+        head, tail = _some(plan, 0, first), _some(plan, last, made.size)
         between = _some(plan, first, last)
         begin, end = made.begin, made.end
         for one, two in dict.fromkeys([(begin, end), (max(begin, 1.0), max(end, 1.0))]):
@@ -704,12 +704,6 @@ def _some(motion: Motion, first: int, last: int) -> Motion:
 def _one(motions: list[Motion]) -> Motion:
     """Concatenate motions."""
     return Motion._make([np.concatenate(columns) for columns in zip(*motions, strict=True)])
-
-
-def _end(motion: Motion) -> State:
-    """Return u' .. u''' at the end of a motion."""
-    t, v, a, j, s = (float(column[-1]) for column in (motion.duration, *motion[3:]))
-    return State(cubic.python(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s)
 
 
 def _slower(state: State, factor: float) -> State:
