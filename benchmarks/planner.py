@@ -244,6 +244,19 @@ def _text(count: int) -> str:
     return "\n".join([*lines[: count - 1], "M2", ""])
 
 
+def usual(n: int) -> dict[str, list[Move]]:
+    """The programs of the tables, with n chords of 50 um and a tenth of that of the others."""
+    programs = {
+        "curve, chords of 50 um, within 10 um": list(moves(curve(5e-5, n), 1e-5, 0.1)),
+        "curve, chords of 1 mm, within 10 um": list(moves(curve(1e-3, n // 10), 1e-5, 0.1)),
+    }
+    for step, tolerance in ((1e-3, 1e-5), (1e-3, 1e-6), (5e-3, 1e-5)):
+        what = f"zigzag of 20 degrees, {1e3 * step:g} mm, within {1e6 * tolerance:g} um"
+        programs[what] = list(moves(zigzag(step, n // 10), tolerance, 0.1))
+    programs["arcs of 2 to 6 mm mixed with short lines, within 10 um"] = list(mixed(n // 10, 1e-5, 0.05))
+    return programs
+
+
 def child() -> None:
     """One fresh process."""
     programs = [list(moves(points, 1e-5, 0.1)) for points in (curve(1e-3, 60), zigzag(2e-2, 4))]
@@ -276,19 +289,11 @@ if __name__ == "__main__":
         first()
     elif asked.start:
         start()
-    elif asked.file:
-        speed(f"{asked.file.name}, repeated", repeated(asked.file, 5000))
     else:
-        n = asked.blocks
-        programs = {
-            "curve, chords of 50 um, within 10 um": list(moves(curve(5e-5, n), 1e-5, 0.1)),
-            "curve, chords of 1 mm, within 10 um": list(moves(curve(1e-3, n // 10), 1e-5, 0.1)),
-        }
-        for step, tolerance in ((1e-3, 1e-5), (1e-3, 1e-6), (5e-3, 1e-5)):
-            what = f"zigzag of 20 degrees, {1e3 * step:g} mm, within {1e6 * tolerance:g} um"
-            programs[what] = list(moves(zigzag(step, n // 10), tolerance, 0.1))
-        what = "arcs of 2 to 6 mm mixed with short lines, within 10 um"
-        programs[what] = list(mixed(n // 10, 1e-5, 0.05))
+        if asked.file:
+            programs = {f"{asked.file.name}, repeated": repeated(asked.file, 5000)}
+        else:
+            programs = usual(asked.blocks)
         if asked.threads > 1:
             head = f"on {asked.threads}"
             columns = ["on 1 thread", head, "ratio", "CPU, s", f"CPU {head}, s", "of the calling thread, s", "load"]

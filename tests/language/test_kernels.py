@@ -20,8 +20,10 @@ import pytest
 
 from feeddrive.language import ops
 from feeddrive.language.kernels import kernel as module
+from feeddrive.language.kernels import objects
 from feeddrive.language.kernels.elementary import floor_division
-from feeddrive.language.kernels.kernel import _DATA, _SIZES, _WORD_AT, QUICK, THOROUGH, Kernel, interpreted
+from feeddrive.language.kernels.kernel import QUICK, THOROUGH, Kernel, interpreted
+from feeddrive.language.kernels.objects import DATA, SIZES, WORD, WORD_AT
 from feeddrive.language.kernels.source import KernelError
 from fresh_draws import Seeded
 from kernel_oracle import bits, compare, drawn, written
@@ -350,16 +352,36 @@ def test_an_array_object_has_the_address_of_its_first_cell_and_its_sizes(tmp_pat
     """As numpy says them: of whole arrays, views, those of a file and those of no cell."""
     mapped = np.memmap(tmp_path / "cells", dtype=np.float64, mode="w+", shape=(4, 2))
     for each in (np.ones((4, 3)), np.ones((4, 3))[2:], np.ones(7)[3:5], mapped, mapped[1:], np.zeros((0, 3))):
-        assert _WORD_AT(id(each) + _DATA).value == each.__array_interface__["data"][0]
-        sizes = _WORD_AT(id(each) + _SIZES).value
-        assert tuple(_WORD_AT(sizes + 8 * index).value for index in range(each.ndim)) == each.shape
+        assert WORD_AT(id(each) + DATA).value == each.__array_interface__["data"][0]
+        sizes = WORD_AT(id(each) + SIZES).value
+        assert tuple(WORD_AT(sizes + WORD * index).value for index in range(each.ndim)) == each.shape
 
 
-def test_array_objects_of_another_layout_are_refused(monkeypatch: pytest.MonkeyPatch):
-    """The sizes are looked for where the address of the first cell stands."""
-    monkeypatch.setattr(module, "_SIZES", _DATA)
-    with pytest.raises(ImportError, match="kernels know array objects of CPython with NumPy 2, not of"):
-        module._check_layout()
+PLACES = ["SIZES", "DATA", "_TYPE", "_VALUE", "_DIGITS", "_ITEMS", "_INDICES", "_DTYPE", "_FLAGS"]
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_objects_of_another_layout_are_refused(name: str, monkeypatch: pytest.MonkeyPatch):
+    """What is looked for there stands one word away."""
+    monkeypatch.setattr(objects, name, getattr(objects, name) + WORD)
+    with pytest.raises(ImportError, match="kernels know the objects of CPython and the arrays of NumPy 2, not those"):
+        objects.check_layout()
+
+
+@pytest.mark.parametrize(
+    "number", [0, 1, -1, 255, 2**30 - 1, 2**30, -(2**30), 2**60 - 1, 2**60, -(2**60), 2**62 + 5, 2**63 - 1, -(2**63)]
+)
+def test_whole_numbers_of_each_number_of_digits_are_read(number: int):
+    """Python keeps them in digits of 30 bits."""
+    assert kernel_constructs.whole_sum(number, 0) == number
+
+
+def test_an_array_may_be_a_view_or_in_a_file(tmp_path: Path):
+    """One in a file is of a class that derives from that of numpy."""
+    mapped = np.memmap(tmp_path / "cells", dtype=np.float64, mode="w+", shape=(3,))
+    for row in (np.zeros(5)[1:4], mapped):
+        assert kernel_constructs.lengths(np.ones((3, 3)), row, 2) == 1.0
+        assert row.tolist() == [1.0, 1.0, 1.0]
 
 
 def test_writing_through_rows_and_called_kernels_counts_as_writing():

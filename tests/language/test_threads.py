@@ -108,5 +108,5 @@ def test_results_have_the_order_of_their_items_and_context_variables_are_kept() 
         assert list(in_order(workers, work, items)) == list(in_order(None, work, items)) == [x / 3.0 for x in items]
         assert list(through(iter(items), lambda given: map(work, given), 2)) == [x / 3.0 for x in items]
     # no machine code was made: the threads have run the interpreter, too
-    assert third.unit._code is None
+    assert third.unit.latest is None
     assert len(threads) > 1

@@ -382,10 +382,10 @@ def line_shapes(ways: np.ndarray) -> np.ndarray:
     return shapes
 
 
-def arc_shape(E1: np.ndarray, E2: np.ndarray, slope: np.ndarray, curvature: float) -> np.ndarray:
+def arc_shape(E1: Sequence[float], E2: Sequence[float], slope: Sequence[float], curvature: float) -> np.ndarray:
     """Return the shape of an arc, (N, 8)."""
     shape = np.zeros((len(E1), 8))
-    shape[:, :4] = np.stack([E1, E2, slope, np.full(len(E1), curvature)], axis=1)
+    shape[:, :4] = [(*axis, curvature) for axis in zip(E1, E2, slope, strict=True)]
     return shape
 
 

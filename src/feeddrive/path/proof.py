@@ -698,7 +698,7 @@ class _Reached(NamedTuple):
 
     state  x, u' .. u''' at the end of the previous part, on the first piece of the next one
     place  position there, m, shape (N,)
-    uses   peak utilization of each limit, shape (N, 4)
+    uses   peak utilization of each limit, shape (N, 4), or (0, 4) if nobody asks for it
     jumps  largest jumps at joints so far: of the position, m, and of velocity to jerk, as a share of its limit
     """
 
@@ -819,7 +819,7 @@ def _prove(
                 if which != -2:
                     count = _noted(faults, count, p, m, broke, float(which), 1.0)
                 # the reported use is that at these times; the proof itself needs no samples
-                for part in range(2):
+                for part in range(2 if len(uses) > 0 else 0):
                     t = t0 if part == 0 else 0.5 * (t0 + t1)
                     here = min(max(begin + way(v, a, j, s, t), 0.0), length[p])
                     derivatives(kind[p], length[p], shape[p], here, before)
@@ -1112,7 +1112,7 @@ def _weighted(part: Part, weights: np.ndarray) -> Part:
 
 
 def _work_for(axes: int) -> _Work:
-    return _Work(np.zeros((64, 2)), np.zeros((axes, 4, 2)), np.zeros((3, axes, 5)), np.zeros((2, axes, 5)))
+    return _Work(np.empty((64, 2)), np.empty((axes, 4, 2)), np.empty((3, axes, 5)), np.empty((2, axes, 5)))
 
 
 def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
@@ -1121,7 +1121,7 @@ def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
     """
     axes, first = len(limits), int(motion.piece[0])
     state = np.array([motion.x[0], motion.speed[0], motion.acceleration[0], motion.jerk[0]])
-    faults = np.zeros((_KEPT, 5))
+    faults = np.empty((_KEPT, 5))
     _, count = _prove(
         part_of_pieces(pieces, first, len(pieces.length)),
         motion._replace(piece=motion.piece - first),
@@ -1130,7 +1130,7 @@ def faults_of(pieces: Pieces, motion: Motion, limits: np.ndarray) -> np.ndarray:
         True,
         False,
         True,
-        _Reached(state, np.zeros(axes), np.zeros((axes, 4)), np.zeros(2)),
+        _Reached(state, np.zeros(axes), np.zeros((0, 4)), np.zeros(2)),
         faults,
         _work_for(axes),
     )

@@ -142,8 +142,9 @@ class _Frame(NamedTuple):
 class _Joined(NamedTuple):
     """A chain as joined.
 
-    stop   True for each joint at which the motion stops, whose path modes are `modes`
-    parts  its motion, if it was planned already
+    stop     True for each joint at which the motion stops, whose path modes are `modes`
+    parts    its motion, if it was planned already
+    rounded  False if all joints at which the motion goes on are smooth by themselves
     """
 
     frame: _Frame
@@ -152,6 +153,7 @@ class _Joined(NamedTuple):
     modes: Sequence[str]
     ends: bool
     parts: list[Part] | None = None
+    rounded: bool = True
 
 
 def _joined(
@@ -202,7 +204,8 @@ def _joined(
 def _usual(segments: Chain, frame: _Frame, joiner: Joiner) -> _Joined:
     """Return a chain with splines and blends, not yet planned."""
     sections, joint = joiner.join(segments)
-    return _Joined(frame, sections, joint.stop, segments.modes, segments.ends)
+    rounded = bool(np.any(joint.deviation))
+    return _Joined(frame, sections, joint.stop, segments.modes, segments.ends, rounded=rounded)
 
 
 def _alone(segments: Chain, frame: _Frame) -> _Joined:
@@ -354,8 +357,11 @@ def _quicker(segments: Chain, frame: _Frame, factor: float) -> _Joined | None:
     """
     if len(segments.tolerance) > SHORT:
         return None
+    usual = _usual(segments, frame, Joiner())
+    if not usual.rounded:
+        return usual  # every corner is a stop already
     # with a limit angle of nearly 0 every corner becomes a stop, which `Crossings` then passes in time
-    usual, in_time = (_usual(segments, frame, joiner) for joiner in (Joiner(), Joiner(SMOOTH, 0.0)))
+    in_time = _usual(segments, frame, Joiner(SMOOTH, 0.0))
     if np.array_equal(usual.stop, in_time.stop):
         return usual
     both = [

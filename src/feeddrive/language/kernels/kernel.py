@@ -30,6 +30,7 @@ import numpy as np
 
 from feeddrive.language.kernels.elementary import Elementary
 from feeddrive.language.kernels.llvm import Statements
+from feeddrive.language.kernels.objects import DATA, DTYPES, FIRST, SIZES, UNFIT, WORD, description, reader
 from feeddrive.language.kernels.source import (
     BOOL,
     FLOAT,
@@ -96,7 +97,8 @@ class Unit:
         self.spent = 0.0  # s in the quickly compiled code of this file, in all processes
         self._places = {source: place for place, source in enumerate(self.sources)}
         self._functions: dict[Source, Function] = {}
-        self._code: MachineCode | None = None
+        self.latest: MachineCode | None = None
+        """The machine code, once it is made."""
         self._effort = QUICK
 
     @cached_property
@@ -207,10 +209,10 @@ class Unit:
     @property
     def code(self) -> MachineCode:
         """The machine code, loaded from disk if stored there, otherwise compiled quickly."""
-        if self._code is None:
+        if self.latest is None:
             with _lock:
                 # another thread may have compiled it while this one waited for the lock
-                if self._code is None:
+                if self.latest is None:
                     code = self._linked(THOROUGH, stored=True)
                     if code is None:
                         self.spent = time_spent(self.key)
@@ -221,9 +223,9 @@ class Unit:
                             _quick.append(self)
                     else:
                         self._effort = THOROUGH
-                    self._code = code
-        assert self._code
-        return self._code
+                    self.latest = code
+        assert self.latest
+        return self.latest
 
     def entry(self, source: Source) -> tuple[MachineCode, int]:
         """Return the machine code of the file and the entry address by which Python calls a kernel."""
@@ -246,8 +248,8 @@ class Unit:
         with _lock:
             # called files first: the code of a caller contains their addresses
             for unit in self.units:
-                if unit._code is None or unit._effort != effort:
-                    unit._code, unit._effort = unit._linked(effort), effort
+                if unit.latest is None or unit._effort != effort:
+                    unit.latest, unit._effort = unit._linked(effort), effort
 
     @cached_property
     def units(self) -> tuple[Unit, ...]:
@@ -314,7 +316,7 @@ def _entry(place: int, source: Source, symbol: str) -> str:
             operands.append(f"{kind.llvm} %{'w' if loaded == kind.llvm else 't'}{at}")
             continue
         # the word of an array is the address of its object
-        for name, offset in (("cells", _DATA), ("sizes", _SIZES)):
+        for name, offset in (("cells", DATA), ("sizes", SIZES)):
             lines.append(f"%{name}p{at} = getelementptr i8, ptr %w{at}, i64 {offset}")
             lines.append(f"%{name}{at} = load ptr, ptr %{name}p{at}")
         operands.append(f"ptr %cells{at}")
@@ -372,18 +374,6 @@ def _compiler() -> str:
 
 
 _FORMATS = {"float": "d", "int": "q", "bool": "q"}
-_ADDRESS = "P"
-_WORD = 8  # bytes
-_CELLS: dict[str, np.dtype[Any]] = {
-    "float": np.dtype(np.float64),
-    "int": np.dtype(np.int64),
-    "record": np.dtype(np.float64),
-}
-# NumPy's PyArrayObject has the address of the first cell after the object header, then the number of indices and the
-# address of their sizes; the machine code reads them there, since NumPy takes ten times as long to say them
-_DATA = object.__basicsize__
-_SIZES = _DATA + 2 * _WORD
-_WORD_AT = ctypes.c_size_t.from_address
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -394,11 +384,16 @@ class _Compiled(NamedTuple):
     """A kernel as machine code: the function, and the memory layout of its arguments and results."""
 
     code: MachineCode  # keeps the memory of the function alive
+    unit: Unit
+    quick: bool  # True if it was compiled quickly
     call: Callable[[Any], int]
-    arguments: struct.Struct
-    returned: struct.Struct
-    memory: Callable[[], Any]  # makes room for both
-    kinds: tuple[tuple[Any, int, int], ...]  # of each passed number and array, see `_kind`
+    memory: Callable[[], Any]  # makes room for arguments and results, see `reader`
+    put: Callable[..., None]  # puts the words of the call into it
+    described: int  # address of the description of the parameters
+    results: Callable[[Any, int], tuple[Any, ...]]  # takes the results from it
+    begin: int  # bytes before them
+    single: bool  # True if it returns a single number
+    kept: tuple[Any, ...]  # keeps the description and the reader alive
 
 
 class Kernel(Generic[_P, _R]):
@@ -425,59 +420,50 @@ class Kernel(Generic[_P, _R]):
 
     def __call__(self, *args: _P.args, **kwargs: _P.kwargs) -> _R:
         """Call the kernel, which runs compiled or interpreted depending on the mode of this thread."""
+        compiled = self._compiled
         mode = _mode.get()
-        if mode == "inside":
-            return self.python(*args, **kwargs)
-        values = self._in_order(args, kwargs) if kwargs else args
-        count, nested = self._counted
-        if len(values) != count:
-            raise TypeError(f"{self.__name__}() takes {count} arguments, not {len(values)}")
-        if nested:
-            values = self._flat(values)
-        if mode == "interpreted":
-            return self._interpret([self._checked(place, value) for place, value in enumerate(values)])
-        return self._run(values)
-
-    def _run(self, values: Sequence[Any]) -> _R:
-        """Check the arguments and run the machine code."""
-        unit, compiled, words = self.unit, self._compiled, list[Any]()
         # recompiled since the last call: the function has moved
-        if compiled is None or compiled.code is not unit.code:
+        if compiled is None or compiled.code is not compiled.unit.latest or mode != "native":
+            if mode == "inside":
+                return self.python(*args, **kwargs)
+            if mode == "interpreted":
+                return self._interpret(self._converted(self._in_order(args, kwargs)))
             compiled = self._compiled = self._bound()
-        place = -1
-        for (cell, indices, width), value in zip(compiled.kinds, values, strict=True):
-            place += 1
-            if not indices:
-                words.append(value if type(value) is cell else self._checked(place, value))
-                continue
-            if not (
-                type(value) is np.ndarray
-                # dtypes in native byte order are single objects; any other takes the slow check below
-                and value.dtype is cell
-                and value.flags.carray
-                and value.ndim == indices
-                and (not width or value.shape[-1] == width)
-            ):
-                self._checked(place, value)
-            words.append(id(value))
+        values = self._in_order(args, kwargs) if kwargs else args
         memory = compiled.memory()
-        compiled.arguments.pack_into(memory, 0, *words)
-        if unit.quick:
-            # CPU time of this thread: neither waiting nor the work of other threads counts
-            begun = thread_time()
-            status = compiled.call(memory)
-            unit.ran(thread_time() - begun)
-        else:
-            status = compiled.call(memory)
+        compiled.put(memory, 0, compiled.described, 0, id(values))
+        status = self._ran(compiled, memory) if compiled.quick else compiled.call(memory)
         if status:
-            _throw(unit.failure(status))
-        results = compiled.returned.unpack_from(memory)
-        if self._plain:
-            return cast(_R, results[0] if self.source.signature.single else results or None)
+            if status == UNFIT:
+                # a number or an array of another kind: converted, or refused
+                leaves = iter(self._converted(values))
+                values = tuple([_nested(kind, leaves) for kind in self.source.signature.parameters])
+                compiled.put(memory, 0, compiled.described, 1, id(values))
+                status = self._ran(compiled, memory)
+            if status:
+                _throw(compiled.unit.failure(status))
+        results = compiled.results(memory, compiled.begin)
+        if compiled.single:
+            return results[0]
         numbers = iter(results)
         if self.source.signature.single:
             return _made(self.source.signature.results[0], numbers)
-        return cast(_R, tuple(_made(kind, numbers) for kind in self.source.signature.results))
+        return cast(_R, tuple([_made(kind, numbers) for kind in self.source.signature.results]) or None)
+
+    def _ran(self, compiled: _Compiled, memory: Any) -> int:
+        """Run the machine code, and count the time of quickly compiled code; return its status."""
+        # CPU time of this thread: neither waiting nor the work of other threads counts
+        begun = thread_time()
+        status = compiled.call(memory)
+        compiled.unit.ran(thread_time() - begun)
+        return status
+
+    def _converted(self, values: Sequence[Any]) -> list[Any]:
+        """Return the numbers and arrays of the arguments, of the types of the parameters."""
+        count = len(self.source.signature.parameters)
+        if len(values) != count:
+            raise TypeError(f"{self.__name__}() takes {count} arguments, not {len(values)}")
+        return [self._checked(place, value) for place, value in enumerate(self._flat(values))]
 
     @property
     def unit(self) -> Unit:
@@ -486,23 +472,28 @@ class Kernel(Generic[_P, _R]):
 
     def _bound(self) -> _Compiled:
         """Return this kernel's compiled function, taken from the current machine code of the file."""
-        code, address = self.unit.entry(self.source)
-        words = [_ADDRESS if kind.dimensions else _FORMATS[kind.element] for _, kind in self._leaves]
-        results = [_FORMATS[kind.element] for result in self.source.signature.results for _, kind in result.leaves("")]
-        call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(address)
-        arguments, returned = struct.Struct(f"@{''.join(words)}"), struct.Struct(f"@{''.join(results)}")
-        memory = ctypes.c_char * max(arguments.size, returned.size, _WORD)
-        return _Compiled(code, call, arguments, returned, memory, tuple(_kind(kind) for _, kind in self._leaves))
+        unit, signature = self.unit, self.source.signature
+        code, address = unit.entry(self.source)
+        read, reads = reader()
+        described, begin = description(signature.parameters, address)
+        results = [_FORMATS[kind.element] for result in signature.results for _, kind in result.leaves("")]
+        return _Compiled(
+            code,
+            unit,
+            unit.quick,
+            ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(reads),
+            ctypes.c_int64 * (begin + max(len(self._leaves), len(results))),
+            struct.Struct(f"@{'n' * FIRST}").pack_into,
+            ctypes.addressof(described),
+            struct.Struct(f"@{''.join(results)}").unpack_from,
+            begin * WORD,
+            signature.single and signature.results[0] in (FLOAT, INT),
+            (described, read),
+        )
 
     @cached_property
     def _leaves(self) -> list[tuple[str, Type]]:
         return self.source.signature.leaves
-
-    @cached_property
-    def _counted(self) -> tuple[int, bool]:
-        """The number of parameters, and a flag that is True if any of them is a record."""
-        parameters = self.source.signature.parameters
-        return len(parameters), any(parameter.layout and not parameter.dimensions for parameter in parameters)
 
     @cached_property
     def _records(self) -> tuple[tuple[str, Layout | None], ...]:
@@ -512,20 +503,17 @@ class Kernel(Generic[_P, _R]):
         return tuple((name, None if kind.dimensions else kind.layout) for name, kind in pairs)
 
     @cached_property
-    def _plain(self) -> bool:
-        """True if all results are numbers that ctypes returns unchanged."""
-        return all(result in (FLOAT, INT) for result in self.source.signature.results)
-
-    @cached_property
     def _written(self) -> frozenset[int]:
         return self.unit.function(self.source).written
 
-    def _in_order(self, args: tuple[object, ...], named: dict[str, object]) -> list[object]:
+    def _in_order(self, args: tuple[object, ...], named: dict[str, object]) -> tuple[Any, ...]:
         """Return positional and named arguments in the order of the parameters."""
+        if not named:
+            return args
         names = self.source.signature.names
         if set(named) != set(names[len(args) :]):
             raise TypeError(f"{self.__name__}() takes ({', '.join(names)}), each once")
-        return [*args, *[named[name] for name in names[len(args) :]]]
+        return (*args, *[named[name] for name in names[len(args) :]])
 
     def _flat(self, values: Sequence[Any]) -> list[Any]:
         """Return the numbers and arrays of the arguments; records are flattened."""
@@ -566,7 +554,7 @@ class Kernel(Generic[_P, _R]):
         if not isinstance(value, np.ndarray):
             raise TypeError(f"{self._named(place)} is {type(value).__name__}: give a numpy array")
         array = cast("np.ndarray[Any, Any]", value)
-        wanted = _CELLS[kind.element]
+        wanted = DTYPES[kind.element]
         indices = kind.dimensions + bool(kind.layout)
         if array.dtype != wanted or array.ndim != indices:
             what = f"{self._named(place)} is an array of {array.dtype} with {array.ndim} indices"
@@ -594,14 +582,11 @@ class Kernel(Generic[_P, _R]):
             _mode.reset(token)
 
 
-def _kind(kind: Type) -> tuple[object, int, int]:
-    """Return the type required of an argument (float or array dtype), its number of indices, and its number of columns
-    if it holds records, else 0.
-    """
-    cell = _CELLS[kind.element] if kind.dimensions else {"float": float, "bool": bool}.get(kind.element)
-    if not kind.layout or not kind.dimensions:
-        return cell, kind.dimensions, 0
-    return cell, kind.dimensions + 1, kind.width
+def _nested(kind: Type, leaves: Iterator[Any]) -> Any:
+    """Build an argument from its numbers and arrays."""
+    if kind.layout is None or kind.dimensions:
+        return next(leaves)
+    return kind.layout.python(*[_nested(field, leaves) for field in kind.layout.fields.values()])
 
 
 def _made(kind: Type, leaves: Iterator[Any]) -> Any:
@@ -614,23 +599,6 @@ def _made(kind: Type, leaves: Iterator[Any]) -> Any:
     if kind.layout.floats:
         return kind.layout.python(*islice(leaves, len(kind.layout.fields)))
     return kind.layout.python(*[_made(field, leaves) for field in kind.layout.fields.values()])
-
-
-def _check_layout() -> None:
-    """Raise ImportError unless array objects have what the machine code reads where it reads it."""
-    probe = np.zeros((2, 3))
-    if sys.implementation.name == "cpython":
-        sizes = _WORD_AT(id(probe) + _SIZES).value
-        found = _WORD_AT(id(probe) + _DATA).value, _WORD_AT(sizes).value, _WORD_AT(sizes + _WORD).value
-        if found == (probe.ctypes.data, *probe.shape):
-            return
-    raise ImportError(
-        f"feeddrive's kernels know array objects of CPython with NumPy 2, not of {sys.implementation.name} with NumPy "
-        f"{np.__version__}: install those"
-    )
-
-
-_check_layout()
 
 
 def _throw(failure: Failure) -> NoReturn:

@@ -716,20 +716,20 @@ def _length(move: Going, axes: tuple[int, ...]) -> float:
 
 def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]) -> tuple[float, np.ndarray]:
     """Return the length and shape of an arc, as in `Pieces`."""
-    E1, E2 = np.zeros(len(columns)), np.zeros(len(columns))
     angle = move.angle
     first, second = (columns.index(axis) for axis in move.axes[:2])
-    x, y = (start[axis] - center for axis, center in zip((first, second), move.center, strict=True))
+    x, y = start[first] - move.center[0], start[second] - move.center[1]
     sense = math.copysign(1.0, angle)
-    E1[[first, second]] = x, y
-    E2[[first, second]] = -sense * y, sense * x
+    E1, E2 = [0.0] * len(columns), [0.0] * len(columns)
+    E1[first], E1[second] = x, y
+    E2[first], E2[second] = -sense * y, sense * x
     # 1 - cos without cancellation
     s, versine = math.sin(abs(angle)), 2.0 * math.sin(0.5 * angle) ** 2
     # programs round the end of an arc: its distance from the circle is spread linearly, as are the other axes
-    drift = np.array(way) - (E2 * s - E1 * versine)
-    straight = np.delete(drift, [first, second])
-    length = math.hypot(math.hypot(x, y) * abs(angle), float(np.linalg.norm(straight)))
-    return length, arc_shape(E1, E2, drift / length, abs(angle) / length)
+    drift = [there - (e2 * s - e1 * versine) for there, e1, e2 in zip(way, E1, E2, strict=True)]
+    straight = math.hypot(*[each for axis, each in enumerate(drift) if axis not in (first, second)])
+    length = math.hypot(math.hypot(x, y) * abs(angle), straight)
+    return length, arc_shape(E1, E2, [each / length for each in drift], abs(angle) / length)
 
 
 def _refused(line: Line, reason: str) -> ProgramError:

@@ -14,16 +14,20 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from feeddrive.language.kernels.source import by_field, rows_for
+from feeddrive.language.kernels.kernel import kernel
+from feeddrive.language.kernels.source import Floats, Ints, Records, by_field, layout_of, rows_for
 from feeddrive.language.threads import in_order
 from feeddrive.path.motion import (
     LINE,
     Derivatives,
+    Interval,
     Limits,
     Motion,
     Part,
     Pieces,
+    appended,
     cubic,
+    interval_of,
     one_after_the_other,
     part_of_pieces,
     slowed,
@@ -32,7 +36,7 @@ from feeddrive.path.motion import (
 from feeddrive.path.proof import DERIVATIVES, Broken, faults_of
 from feeddrive.path.schedule import spline
 from feeddrive.path.schedule.ramp import Slopes
-from feeddrive.path.schedule.spline import Basis, Forces, Points, Rates, Reached, Room, State
+from feeddrive.path.schedule.spline import Basis, Forces, Points, Rates, Reached, Room, State, Steepness, reserve_factor
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -111,7 +115,8 @@ class Lifter:
                 first, last = waiting.pop()
                 begins, ends = bool(rests[first]), bool(rests[last])
                 # an estimate, not a bound: lifting 1,908 ramps gained at most 0.69 of it
-                if path.gain(motion, first, last) < _LITTLE * _around_time(motion, first, last):
+                gain = path.gain(motion, first, last)
+                if gain < np.inf and gain < _LITTLE * _around_time(motion, first, last):
                     continue
                 tried = path.lifted(_some(motion, first, last), begins, ends, spans if first == 0 else 0)
                 if tried.motion is not None:
@@ -137,6 +142,206 @@ class Lifter:
         yield part
 
 
+class Prepared(NamedTuple):
+    """A section whose ends near rest are divided off.
+
+    first, last  the time intervals in between, up to but excluding `last`, of `size`
+    begin, end   factors of the time of what is before and behind them, that leave some reserve of each limit
+    state        u' .. u''' at the end of what is in between
+    """
+
+    first: int
+    last: int
+    size: int
+    begin: float
+    end: float
+    state: State
+
+
+@kernel
+def near_rest(duration: Floats, snap: Floats, first: int, sense: int, count: int, unlimited: int) -> tuple[int, float]:
+    """Return the time interval, and the time within it, up to which a motion from rest is not optimized: from time
+    interval `first` on, in ascending order (`sense` 1) or in descending order (-1), of which there are `count`.
+
+    unlimited  0 if snap and jerk are limited, 1 if only the jerk is, and 2 if neither is
+    """
+    most = min(4 - unlimited, count)
+    whole = 0.0
+    for k in range(most):
+        whole = whole + duration[first + sense * k]
+    t = _AT_REST * whole
+    # without a limit of the snap the jerk is constant from the start
+    if unlimited == 0 and most > 1:
+        one = duration[first]
+        # a short ramp has no phase at constant jerk
+        steady = duration[first + sense] if snap[first + sense] == 0.0 else 0.0
+        late = max(t, _LATE * one)
+        early = min(max(t, _NEAR_REST * one), _EARLY * one)
+        t = late if t > early and late <= one + 0.5 * steady else early
+    ends = 0.0
+    for k in range(most):
+        lasts = duration[first + sense * k]
+        if ends + lasts >= t:
+            return k, t - ends
+        ends = ends + lasts
+    return most, t - ends
+
+
+@kernel
+def split(motion: Motion, count: int, m: int, t: float, length: Floats) -> int:
+    """Split time interval m after the time t, on a path with pieces of the given lengths; return the new count."""
+    for back in range(count - m - 1):
+        k = count - 1 - back
+        appended(motion, k + 1, interval_of(motion, k), int(motion.piece[k]))
+    T, x, v, a, j, s = interval_of(motion, m)
+    p = int(motion.piece[m])
+    there = x + way(v, a, j, s, t)
+    while there > length[p] and p + 1 < len(length):
+        there = there - length[p]
+        p = p + 1
+    motion.duration[m] = t
+    appended(motion, m + 1, Interval(T - t, there, cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s), p)
+    return count + 1
+
+
+@kernel
+def state_behind(motion: Motion, m: int) -> State:
+    """Return u' .. u''' at the end of time interval m."""
+    t, _, v, a, j, s = interval_of(motion, m)
+    return State(cubic(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s)
+
+
+@kernel
+def _reserve(
+    motion: Motion,
+    first: int,
+    last: int,
+    pieces: Pieces,
+    top: Floats,
+    limits: Records[Limits],
+    r: Records[Derivatives],
+    q: Records[Derivatives],
+) -> float:
+    """Return the factor of the time of some time intervals from or to rest that leaves some reserve of each limit."""
+    if last == first:
+        return 1.0
+    return max(_QUICKER, reserve_factor(pieces, top, limits, _AT_ENDS, motion, first, last, r, q))
+
+
+@kernel
+def prepared(
+    motion: Motion,
+    begins: bool,
+    ends: bool,
+    unlimited: int,
+    pieces: Pieces,
+    top: Floats,
+    limits: Records[Limits],
+    plan: Motion,
+    r: Records[Derivatives],
+    q: Records[Derivatives],
+) -> Prepared:
+    """Copy a section, which may begin or end at rest, into `plan`, which has room for two more time intervals, and
+    divide it where what is not optimized near rest ends and begins.
+
+    unlimited  as for `near_rest`
+    r, q       workspace for each axis
+    """
+    count = len(motion.duration)
+    for m in range(count):
+        appended(plan, m, interval_of(motion, m), int(motion.piece[m]))
+    first = 0
+    last = count
+    if begins:
+        k, t = near_rest(plan.duration, plan.snap, 0, 1, count, unlimited)
+        count = split(plan, count, k, t, pieces.length)
+        first = k + 1
+        last = last + 1
+    if ends:
+        k, t = near_rest(plan.duration, plan.snap, count - 1, -1, count, unlimited)
+        last = last - k
+        count = split(plan, count, last - 1, plan.duration[last - 1] - t, pieces.length)
+    begin = _reserve(plan, 0, first, pieces, top, limits, r, q)
+    end = _reserve(plan, last, count, pieces, top, limits, r, q)
+    return Prepared(first, last, count, begin, end, state_behind(plan, last - 1))
+
+
+@kernel
+def unlimited_of(limits: Records[Limits]) -> int:
+    """Return the largest number of absent limits of jerk and snap of an axis."""
+    most = 0
+    for i in range(len(limits)):
+        jerk = limits[i].jerk
+        snap = limits[i].snap
+        # infinity less infinity is no number
+        most = max(most, (0 if jerk - jerk == 0.0 else 1) + (0 if snap - snap == 0.0 else 1))
+    return most
+
+
+@kernel
+def rests(motion: Motion, out: Ints) -> int:
+    """Write 1 where the motion is at rest, and 0 elsewhere: at the start of each time interval, and at the end."""
+    n = len(motion.duration)
+    end = state_behind(motion, n - 1).speed
+    most = end
+    for m in range(n):
+        most = max(most, motion.speed[m])
+    slow = _RESTS * most
+    before = end
+    for m in range(n + 1):
+        speed = motion.speed[m] if m < n else end
+        out[m] = 1 if speed <= slow else 0
+        # the first phase from rest, and the last one to rest, may be so short that they hardly move
+        if m == 0:
+            if motion.speed[0] != 0.0 and motion.acceleration[0] != 0.0:
+                out[m] = 0
+        elif m < n:
+            after = motion.speed[m + 1] if m + 1 < n else end
+            if speed >= before or speed >= after:
+                out[m] = 0
+        before = speed
+    return 0
+
+
+@kernel
+def _is_top(motion: Motion, m: int, top: Floats, length: Floats) -> bool:
+    """Return True for a plateau at the largest speed of the pieces on which it lies."""
+    if motion.acceleration[m] != 0.0 or motion.jerk[m] != 0.0 or motion.snap[m] != 0.0:
+        return False
+    last = len(top) - 1
+    if m + 1 < len(motion.duration):
+        # a time interval that ends at a joint is not affected by the piece after it
+        last = motion.piece[m + 1]
+        if motion.x[m + 1] <= 1e-9 * length[last]:
+            last = last - 1
+    most = top[motion.piece[m]]
+    for p in range(motion.piece[m], last + 1):
+        most = max(most, top[p])
+    return motion.speed[m] >= _TOP * most
+
+
+@kernel
+def sections(motion: Motion, rests: Ints, top: Floats, length: Floats, begins: Ints, ends: Ints) -> int:
+    """Write the ranges of time intervals that can be lifted, and return their number; they are separated by standstills
+    or plateaus at top speed.
+
+    rests        as written by `rests`
+    top, length  largest speed that feed and velocity limits allow on each piece, and the length of the pieces
+    """
+    count = 0
+    first = 0
+    n = len(motion.duration)
+    for last in range(n + 1):
+        flat = last < n and _is_top(motion, min(last, n - 1), top, length)
+        if last == n or flat or rests[last] != 0:
+            if last > first:
+                begins[count] = first
+                ends[count] = last
+                count = count + 1
+            first = last + 1 if flat else last
+    return count
+
+
 class Tried(NamedTuple):
     """What became of a section.
 
@@ -157,8 +362,8 @@ class _Path:
         n, axes = len(pieces.length), len(limits)
         self._pieces, self._limits = pieces, limits
         self._begin = np.concatenate([[0.0], np.cumsum(pieces.length)])
-        self._unlimited = int(np.max(np.sum(np.isinf(limits[:, 2:]), axis=1)))  # of jerk and snap
-        self.top, self._from_rest = np.zeros(n), np.zeros(n)
+        self._unlimited = unlimited_of(limits)
+        self.top, self._from_rest = np.empty(n), np.empty(n)
         spline.tops(pieces, limits, self.top, self._from_rest, rows_for(Slopes, axes))
 
     def gain(self, motion: Motion, first: int, last: int) -> float:
@@ -177,53 +382,25 @@ class _Path:
         """
         if len(motion.duration) <= _HUMP and np.all(self._pieces.kind[motion.piece[0] : motion.piece[-1] + 1] == LINE):
             return Tried()  # on a line it is already time-optimal
-        lengths = self._pieces.length
-        first, last = 0, len(motion.duration)
-        whole = last
-        if begins:
-            k, t = self._near_rest(motion.duration, motion.snap)
-            motion = divided(motion, k, t, lengths)
-            first, last = k + 1, last + 1
-        if ends:
-            k, t = self._near_rest(motion.duration[::-1], motion.snap[::-1])
-            last -= k
-            motion = divided(motion, last - 1, float(motion.duration[last - 1]) - t, lengths)
-        head, tail = _some(motion, 0, first), _some(motion, last, len(motion.duration))
-        begin, end = self._factor(head), self._factor(tail)
-        between, state = _some(motion, first, last), _end(_some(motion, 0, last))
+        size = len(motion.duration) + 2
+        plan = _unset_motion(size)
+        r, q = (rows_for(Derivatives, len(self._limits)) for _ in range(2))
+        made = prepared(motion, begins, ends, self._unlimited, self._pieces, self.top, self._limits, plan, r, q)
+        first, last, whole = made.first, made.last, len(motion.duration)
+        motion = _some(plan, 0, made.size)
+        head, tail = _some(plan, 0, first), _some(plan, last, made.size)
+        between = _some(plan, first, last)
+        begin, end = made.begin, made.end
         for one, two in dict.fromkeys([(begin, end), (max(begin, 1.0), max(end, 1.0))]):
-            before, behind = slowed(head, one), slowed(tail, two)
-            lifted = self._between(between, state, spans, (one, two), (before, behind))
+            beside = slowed(head, one), slowed(tail, two)
+            lifted = self._between(between, made.state, spans, (one, two), beside)
             if isinstance(lifted, Motion):
-                lifted = _one([before, lifted, behind])
                 return Tried(lifted, first) if np.sum(lifted.duration) < np.sum(motion.duration) else Tried()
             if lifted is not None:
                 # the time interval that was divided near a rest at the start counts once
                 near, far = ((k + first - begins if k else 0) for k in lifted)
                 return Tried(failed=(near, far if far < last - begins else whole))
         return Tried()
-
-    def _near_rest(self, duration: np.ndarray, snap: np.ndarray) -> tuple[int, float]:
-        """Return the time interval, and the time within it, up to which a motion from rest is not optimized."""
-        ends = np.cumsum(duration[: 4 - self._unlimited])
-        t = _AT_REST * float(ends[-1])
-        # without a limit of the snap the jerk is constant from the start
-        if not self._unlimited:
-            first, second = duration[:2].tolist()
-            steady = second if snap[1] == 0.0 else 0.0  # a short ramp has no phase at constant jerk
-            late = max(t, _LATE * first)
-            early = min(max(t, _NEAR_REST * first), _EARLY * first)
-            t = late if t > early and late <= first + 0.5 * steady else early
-        k = int(np.searchsorted(ends, t))
-        return k, t - float(ends[k - 1]) if k else t
-
-    def _factor(self, motion: Motion) -> float:
-        """Return the factor of the time of a motion from or to rest that leaves some reserve of each limit."""
-        if not len(motion.duration):
-            return 1.0
-        r, q = (rows_for(Derivatives, len(self._limits)) for _ in range(2))
-        factor = spline.reserve_factor(self._pieces, self.top, self._limits, _AT_ENDS, motion, r, q)
-        return max(_QUICKER, factor)
 
     def _between(
         self, motion: Motion, end: State, spans: int, factors: Sequence[float], beside: tuple[Motion, Motion]
@@ -232,8 +409,8 @@ class _Path:
         is u' .. u''' at its end.
 
         Both states are those of a motion whose time is multiplied by one of the two factors.  `beside` are the motions
-        before and after, which are proven with it.  Where it fails, spans are halved; of a long motion that fails in
-        few places the range of time intervals around these is returned instead.
+        before and after, which are proven and returned with it.  Where it fails, spans are halved; of a long motion
+        that fails in few places the range of time intervals around these is returned instead.
         """
         finer = np.ones(len(motion.duration), np.int64)
         for again in range(_REFINED):
@@ -273,7 +450,7 @@ class _Path:
             return None, time, nowhere
         n = len(time) - 1
         looked = self._points(time, knots)
-        rows = rows_for(Basis, n)
+        rows = _unset(Basis, n)
         spline.rows_at_knots(knots, rows)
         if _quicker(looked, rows, coefficient, _FIRST, _NEAREST, 0, n):
             return None, time, _exceeded(looked, rows, coefficient)
@@ -282,8 +459,13 @@ class _Path:
         end = _slower(end, at_end)
         given = _reduced(n)
         failed = nowhere
-        timed = Motion(np.zeros(n), np.zeros(n, np.int64), *(np.zeros(n) for _ in range(5)))
-        more = rows_for(State, n + 1), np.zeros((2 * _TOGETHER, 4))
+        head, tail = beside
+        before, count = len(head.duration), len(head.duration) + n + len(tail.duration)
+        whole = _unset_motion(count)
+        for column, one, two in zip(whole, head, tail, strict=True):
+            column[:before], column[before + n :] = one, two
+        timed = _some(whole, before, before + n)
+        more = np.empty((n + 1, len(State._fields))), np.empty((2 * _TOGETHER, 4))
         tried, new = coefficient.copy(), [(0, n)]
         for number in range(1, _ROUNDS + 1):
             for first, last in new if number > 1 else ():
@@ -295,16 +477,16 @@ class _Path:
                     if _quicker(looked, rows, tried, *_AGAIN, 0, n):
                         return None, time, _exceeded(looked, rows, tried)
                     break
-            if not spline.in_time(knots, tried, self._begin, starts, end, _TOGETHER, timed, *more):
+            if not spline.in_time(knots, tried, rows, self._begin, starts, end, _TOGETHER, timed, *more):
                 return None, time, nowhere  # it moves backwards between the evaluated points
             if number == 1:
-                head, tail = beside
-                faults = self._faults(_one([head, timed, tail]), 0, n + len(head.duration) + len(tail.duration))
-                faults = faults - Broken(0.0, len(head.duration), 0.0, 0.0, 0.0)
+                faults = self._faults(whole, 0, count)
+                if len(faults):
+                    faults = faults - Broken(0.0, before, 0.0, 0.0, 0.0)
             else:
                 faults = np.concatenate([self._faults(timed, first, last) for first, last in new])
             if not len(faults):
-                return timed, time, nowhere
+                return whole, time, nowhere
             where = np.asarray(by_field(Broken, faults).interval)
             if np.any((where < 0) | (where >= n)):
                 return None, time, nowhere  # not the spline but the motion before or after it
@@ -331,7 +513,7 @@ class _Path:
         # `in_time` corrects the snaps of a whole group, which has up to twice as many spans at the end
         first, last = max(first - 2 * _TOGETHER, 0), last + 2 * _TOGETHER
         faults = faults_of(self._pieces, _some(motion, first, last), self._limits)
-        return faults + Broken(0.0, first, 0.0, 0.0, 0.0)
+        return faults + Broken(0.0, first, 0.0, 0.0, 0.0) if len(faults) else faults
 
     def _spline(
         self, motion: Motion, end: State, spans: int, factors: Sequence[float], finer: np.ndarray
@@ -343,20 +525,22 @@ class _Path:
         n = len(motion.duration)
         spans = min(spans, n)
         wide, share = _HALF[self._unlimited]
-        step, edge = np.zeros(n), np.zeros(n + 1)
+        step, edge = np.empty(n), np.empty(n + 1)
         phases = _first_phase(motion), _first_phase(motion, -1)
         spline.spacing(motion, end, spans, min(wide, n), share, self._from_rest, finer, *phases, step, edge)
         kept = finer[:spans]
-        time = np.concatenate([[0.0], np.cumsum(np.repeat(motion.duration[:spans] / kept, kept))])
+        time = np.zeros(1)
+        if spans:
+            time = np.concatenate([time, np.cumsum(np.repeat(motion.duration[:spans] / kept, kept))])
         if spans < n:
             lasting, step, edge = motion.duration[spans:], step[spans:], edge[spans:]
-            behind = np.zeros(spline.graded_room(lasting, step, edge))
+            behind = np.empty(spline.graded_room(lasting, step, edge))
             behind = behind[: spline.instants(lasting, step, edge, behind)]
-            time = np.concatenate([time[:-1], time[-1] + behind])
+            time = np.concatenate([time[:-1], time[-1] + behind]) if spans else behind
         m = len(time)
         if m > _MOST:
             return time, np.zeros(0), np.zeros(0), False
-        knots, coefficient, room = np.zeros(m + 6), np.zeros(m + 2), rows_for(Reached, m)
+        knots, coefficient, room = np.empty(m + 6), np.empty(m + 2), _unset(Reached, m)
         blended = min(_BLENDED, (m - 4) // 2)
         one, two = factors
         moves = spline.approximation(motion, self._begin, time, end, one, two, blended, room, knots, coefficient)
@@ -364,15 +548,16 @@ class _Path:
 
     def _points(self, time: np.ndarray, knots: np.ndarray) -> Points:
         pieces, axes = self._pieces, len(self._limits)
-        size = spline.POINTS * (len(time) + len(pieces.length))
+        first, last = self._begin.searchsorted(knots[[0, -1]])
+        size = spline.POINTS * (len(time) + int(last - first) + 1)
         filled = Points(
-            np.zeros(size, np.int64),
-            np.zeros(size),
-            rows_for(Rates, size, axes),
-            np.zeros(size),
-            np.zeros(size, np.int64),
-            np.zeros(size),
-            np.zeros(size),
+            np.empty(size, np.int64),
+            np.empty(size),
+            _unset(Rates, size, axes),
+            np.empty(size),
+            np.empty(size, np.int64),
+            np.empty(size),
+            np.empty(size),
         )
         count = spline.points(
             pieces,
@@ -392,9 +577,11 @@ def _quicker(
     looked: Points, rows: np.ndarray, coefficient: np.ndarray, begins: float, ends: float, first: int, last: int
 ) -> int:
     """Run `quickest` on the spans from `first` up to but excluding `last`; three coefficients at each end are fixed."""
-    begins_at, ends_at = np.searchsorted(looked.span, [first, last]).tolist()
-    part = _some_points(looked, begins_at, ends_at)
-    part = part._replace(span=part.span - first)
+    part = looked
+    if last - first < len(rows):
+        begins_at, ends_at = np.searchsorted(looked.span, [first, last]).tolist()
+        part = _some_points(looked, begins_at, ends_at)
+        part = part._replace(span=part.span - first)
     m, axes, _ = np.asarray(part.r).shape
     n = last - first + 3
     return spline.quickest(
@@ -411,8 +598,14 @@ def _exceeded(looked: Points, rows: np.ndarray, coefficient: np.ndarray) -> np.n
 
 def _room(m: int, n: int, axes: int) -> Room:
     """Return the work arrays of `quickest` for m points, n coefficients and a number of axes."""
-    forces = rows_for(Forces, m, axes)
-    return Room(np.zeros(m), np.zeros(m), forces, np.zeros(m), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 4)))
+    share, loose, force = (np.empty(m) for _ in range(3))
+    steepness, forces = _unset(Steepness, m, axes), _unset(Forces, m, axes)
+    return Room(share, loose, steepness, forces, force, np.empty(n), np.empty(n), np.empty(n), np.empty((n, 4)))
+
+
+def _unset(record: type, *sizes: int) -> np.ndarray:
+    """Return an array for records whose contents are not set."""
+    return np.empty((*sizes, layout_of(record).width))
 
 
 def _some_points(points: Points, first: int, last: int) -> Points:
@@ -451,22 +644,11 @@ def _around_time(motion: Motion, first: int, last: int) -> float:
 
 
 def _sections(motion: Motion, rests: np.ndarray, top: np.ndarray, length: np.ndarray) -> list[tuple[int, int]]:
-    """Return the ranges of time intervals that can be lifted; they are separated by standstills or plateaus at top
-    speed.
-    """
-    flat = (motion.acceleration == 0.0) & (motion.jerk == 0.0) & (motion.snap == 0.0)
-    # a time interval that ends at a joint is not affected by the piece after it
-    end = np.append(motion.piece[1:] - (motion.x[1:] <= 1e-9 * length[motion.piece[1:]]), len(top) - 1)
-    end = np.maximum(end, motion.piece)
-    for m in np.flatnonzero(flat):
-        flat[m] = motion.speed[m] >= _TOP * np.max(top[motion.piece[m] : end[m] + 1])
-    sections: list[tuple[int, int]] = []
-    first = 0
-    for last in np.flatnonzero(np.append(flat, True) | rests):
-        if last > first:
-            sections.append((first, int(last)))
-        first = int(last) + (1 if last < len(flat) and flat[last] else 0)
-    return sections
+    """Return the ranges of time intervals that can be lifted; `rests` is that of `_rests`."""
+    out = np.empty((2, len(motion.duration) + 1), np.int64)
+    begins, ends = out
+    count = sections(motion, rests, top, length, begins, ends)
+    return list(zip(begins[:count].tolist(), ends[:count].tolist(), strict=True))
 
 
 def _nodes_around(motion: Motion, first: int, last: int) -> tuple[int, int] | None:
@@ -491,25 +673,26 @@ def _halves(motion: Motion, first: int, last: int) -> list[tuple[int, int]]:
 
 
 def _rests(motion: Motion) -> np.ndarray:
-    """Return a bool array that is True where the motion is at rest.
-
-    It has a value for the start of each time interval, and one for the end of the last interval.
-    """
-    speed = np.append(motion.speed, _end(motion).speed)
-    slow = speed <= _RESTS * np.max(speed)
-    # the first phase from rest, and the last one to rest, may be so short that they hardly move
-    slow[0] = slow[0] and (motion.speed[0] == 0.0 or motion.acceleration[0] == 0.0)
-    slow[1:-1] &= (speed[1:-1] < speed[:-2]) & (speed[1:-1] < speed[2:])
-    return slow
+    """Return 1 where the motion is at rest, and 0 elsewhere: at the start of each time interval, and at the end."""
+    out = np.empty(len(motion.duration) + 1, np.int64)
+    rests(motion, out)
+    return out
 
 
 def _first_phase(motion: Motion, sense: int = 1) -> float:
     """Return the duration of the first (`sense` 1) or last (-1) time interval, s, or that of its neighbor if it is a
     plateau shorter than that, as ramps may leave plateaus of the size of their error.
     """
-    duration, acceleration, jerk, snap = (column[::sense] for column in (motion.duration, *motion[4:]))
-    flat = acceleration[0] == 0.0 and jerk[0] == 0.0 and snap[0] == 0.0
-    return float(np.max(duration[: 2 if flat else 1]))
+    end, next_to = (0, 1) if sense == 1 else (-1, -2)
+    flat = motion.acceleration[end] == 0.0 and motion.jerk[end] == 0.0 and motion.snap[end] == 0.0
+    if flat and len(motion.duration) > 1:
+        return max(float(motion.duration[end]), float(motion.duration[next_to]))
+    return float(motion.duration[end])
+
+
+def _unset_motion(n: int) -> Motion:
+    """Return a motion of n time intervals that are not set."""
+    return Motion(np.empty(n), np.empty(n, np.int64), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
 
 
 def _some(motion: Motion, first: int, last: int) -> Motion:
@@ -519,12 +702,6 @@ def _some(motion: Motion, first: int, last: int) -> Motion:
 def _one(motions: list[Motion]) -> Motion:
     """Concatenate motions."""
     return Motion._make([np.concatenate(columns) for columns in zip(*motions, strict=True)])
-
-
-def _end(motion: Motion) -> State:
-    """Return u' .. u''' at the end of a motion."""
-    t, v, a, j, s = (float(column[-1]) for column in (motion.duration, *motion[3:]))
-    return State(cubic.python(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s)
 
 
 def _slower(state: State, factor: float) -> State:

@@ -201,17 +201,21 @@ def pieces_room(
     limits: Records[Limits],
     cruise: float,
     crossing: float,
+    known: bool,
     most: Records2[Slopes],
+    norms: Floats,
     caps: Records[Cap],
 ) -> int:
-    """Write the `bounds` of n pieces into `most` (n, N), and their caps for plateaus and for crossing ramps into `caps`
-    (n,).
+    """Write the `bounds` of n pieces into `most` (n, N) and `norms` (n,), unless they are `known`, and their caps for
+    plateaus and for crossing ramps into `caps` (n,).
 
     Neighbors with nearly equal caps all get the lowest of them, so that no ramps occur between them.
     """
     n = len(pieces.length)
     for p in range(n):
-        norm = bounds(Piece(pieces.kind[p], pieces.length[p], pieces.shape[p]), most[p])
+        if not known:
+            norms[p] = bounds(Piece(pieces.kind[p], pieces.length[p], pieces.shape[p]), most[p])
+        norm = norms[p]
         feed = pieces.feed[p]
         caps[p] = Cap(
             _BELOW * speed_cap(most[p], norm, feed, limits, cruise),
@@ -397,6 +401,8 @@ def _lacks(
     mixed = 3.0 * a * a + 4.0 * v * j
     for i in range(len(limits)):
         m1, m2, m3, m4 = most[i]
+        if m1 == 0.0:
+            continue  # the axis stands
         limit = limits[i]
         one = m1 * a
         over = m2 * v2 + one - limit.acceleration

@@ -30,7 +30,7 @@ SHARES = ((0.9, 0.6), (0.7, 0.4))
 # a second plan takes as long as the first: where the first has been faster in _SURE windows of a run in sequence, the
 # second is made in every _AGAIN-th window only
 _SURE = 2
-_AGAIN = 4
+_AGAIN = 8
 _FEW = 3  # number of stretches from rest to rest: lifting finds what a second plan of so few would
 # 3,000 chords of 1 mm take 0.4 % longer with windows of 400 pieces of which 0.6 are kept, and 1.15 times the CPU
 WINDOW = 800  # number of pieces
@@ -50,6 +50,44 @@ class _Room(NamedTuple):
     def plateau(self) -> np.ndarray:
         """The largest speed of a plateau on each piece, m/s."""
         return np.asarray(by_field(Cap, self.caps).plateau)
+
+
+class _Rooms:
+    """The room of pieces for each pair in `SHARES`; that of the second pair is made when it is asked for, since many
+    runs are planned with the first one only.
+    """
+
+    def __init__(self, pieces: Pieces, limits: np.ndarray) -> None:
+        self._given, self._norms = (pieces, limits), np.empty(len(pieces.length))
+        most = rows_for(Slopes, len(pieces.length), len(limits))
+        self._made = [self._room(most, SHARES[0], False)]
+
+    def _room(self, most: np.ndarray, shares: tuple[float, float], known: bool) -> _Room:
+        """Return the room for a pair of shares, with the bounds in `most` if they are `known`."""
+        pieces, limits = self._given
+        room = _Room(most, rows_for(Cap, len(pieces.length)))
+        pieces_room(pieces, limits, *shares, known, most, self._norms, room.caps)
+        return room
+
+    @property
+    def first(self) -> _Room:
+        """That of the first pair."""
+        return self._made[0]
+
+    def __iter__(self) -> Iterator[_Room]:
+        yield self.first
+        for shares in SHARES[len(self._made) :]:
+            self._made.append(self._room(self.first.most, shares, True))
+        yield from self._made[1:]
+
+    def extend(self, pieces: Pieces) -> None:
+        """Add the room of the pieces that follow."""
+        both = zip(self, _Rooms(pieces, self._given[1]), strict=True)
+        self._made = [_Room(*(np.concatenate(arrays) for arrays in zip(*pair, strict=True))) for pair in both]
+
+    def drop(self, count: int) -> None:
+        """Remove the room of the first pieces."""
+        self._made = [_Room(room.most[count:], room.caps[count:]) for room in self]
 
 
 class _Plan(NamedTuple):
@@ -76,13 +114,13 @@ class Start(NamedTuple):
 def start_at(pieces: Pieces, limits: np.ndarray, u: float, speed: float) -> Start | None:
     """Return the start of a motion from a node on the first of these pieces, or None if they leave no room to stop."""
     begin = np.concatenate([[0.0], np.cumsum(pieces.length)])
-    stop = _fastest(begin, _rooms_of(pieces, limits), limits, False, u, speed)
+    stop = _fastest(begin, _Rooms(pieces, limits), limits, False, u, speed)
     return Start(u, speed, stop) if stop else None
 
 
 def highest_speeds(pieces: Pieces, limits: np.ndarray) -> np.ndarray:
     """Return the largest speed u' of a plateau on each piece, m/s, shape (n,)."""
-    return _rooms_of(pieces, limits)[0].plateau
+    return _Rooms(pieces, limits).first.plateau
 
 
 class Schedule:
@@ -106,7 +144,7 @@ class Schedule:
     def _begin(self) -> None:
         """Start a run at rest."""
         self._pieces: Pieces | None = None  # from the current node on
-        self._rooms: list[_Room] = []
+        self._rooms: _Rooms | None = None
         self._u, self._speed, self._wide = 0.0, 0.0, self._window  # u on the first of the pieces
         self._hand: _Plan | None = None  # the rest of the last plan, to its stop
         self._sure = 0  # number of windows since the second pair of shares was faster
@@ -141,8 +179,10 @@ class Schedule:
         rotary axis turns ever faster, are below it, and the previous plan would be followed to its stop.
         """
         assert self._pieces is not None
+        assert self._rooms is not None
         begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
-        path = Path(begin, self._rooms[0].most[:last], self._rooms[0].caps[:last], self._limits)
+        room = self._rooms.first
+        path = Path(begin, room.most[:last], room.caps[:last], self._limits)
         for share in _SLOWER if self._speed > 0.0 else ():
             speed = share * self._speed
             braking = brake_soon(path, self._u, begin[-1] * (1.0 - MARGIN), self._speed, speed)
@@ -161,22 +201,19 @@ class Schedule:
         return self._part(pieces, self._hand.begin, self._hand.rows, True)
 
     def _append(self, pieces: Pieces) -> None:
-        rooms = _rooms_of(pieces, self._limits)
         self.rests = False
-        if self._pieces is None:
-            self._pieces, self._rooms = pieces, rooms
+        if self._pieces is None or self._rooms is None:
+            self._pieces, self._rooms = pieces, _Rooms(pieces, self._limits)
             return
         self._pieces = one_after_the_other([self._pieces, pieces])
-        self._rooms = [
-            _Room(*(np.concatenate(arrays) for arrays in zip(*both, strict=True)))
-            for both in zip(self._rooms, rooms, strict=True)
-        ]
+        self._rooms.extend(pieces)
 
     def _planned(self, last: int, ends: bool) -> _Plan | None:
         """Return the fastest plan to a stop at the end of the first `last` pieces, or None if the speed is too high to
         stop.
         """
         assert self._pieces is not None
+        assert self._rooms is not None
         begin = np.concatenate([[0.0], np.cumsum(self._pieces.length[:last])])
         first = self._sure >= _SURE and self._sure % _AGAIN != 0
         planned = _fastest(begin, self._rooms, self._limits, ends, self._u, self._speed, first)
@@ -187,6 +224,7 @@ class Schedule:
     def _go(self, planned: _Plan, count: int) -> Part:
         """Return the first `count` stretches of a plan as a part; the others become the planned stop."""
         assert self._pieces is not None
+        assert self._rooms is not None
         if planned.ends and count == len(planned.rows):
             whole = self._part(self._pieces, planned.begin, planned.rows, True)
             self._begin()
@@ -199,7 +237,7 @@ class Schedule:
             place += 1  # at a joint, up to rounding
         self._u, self._speed = max(node - float(begin[place]), 0.0), float(stretch.v1)
         self._pieces = part_of_pieces(pieces, place, len(pieces.length))
-        self._rooms = [_Room(room.most[place:], room.caps[place:]) for room in self._rooms]
+        self._rooms.drop(place)
         self._hand = _Plan(begin[place:], planned.rows[count:], planned.ends)
         return self._part(part_of_pieces(pieces, 0, place + 1), begin, kept, False)
 
@@ -213,19 +251,9 @@ class Schedule:
         return Part(pieces, Motion._make([array[:count].copy() for array in room]), ends)
 
 
-def _rooms_of(pieces: Pieces, limits: np.ndarray) -> list[_Room]:
-    """Return the bounds and caps of pieces, for each pair in `SHARES`."""
-    n, rooms = len(pieces.length), list[_Room]()
-    for shares in SHARES:
-        room = _Room(rows_for(Slopes, n, len(limits)), rows_for(Cap, n))
-        pieces_room(pieces, limits, *shares, *room)
-        rooms.append(room)
-    return rooms
-
-
 def _fastest(
     begin: np.ndarray,
-    rooms: list[_Room],
+    rooms: _Rooms,
     limits: np.ndarray,
     ends: bool,
     u: float,
@@ -245,7 +273,7 @@ def _fastest(
     for shares, room in enumerate(rooms):
         path = Path(begin, room.most[:last], room.caps[:last], limits)
         slow, stack, rows = np.zeros(last, np.int64), rows_for(Stretch, size), rows_for(Stretch, size)
-        count = plan(path, rooms[0].caps[:last], u, stop, speed, slow, stack, rows)
+        count = plan(path, rooms.first.caps[:last], u, stop, speed, slow, stack, rows)
         if count >= 0:
             plans.append(_Plan(begin, rows[:count], ends, shares))
             if first or (ends and speed == 0.0 and count <= _FEW):

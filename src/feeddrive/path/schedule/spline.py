@@ -146,10 +146,36 @@ class Forces(NamedTuple):
     snap_down: float
 
 
+class Steepness(NamedTuple):
+    """The derivatives of the shares of acceleration, jerk and snap of an axis with respect to z .. z''', and the
+    inverse of their distances to the limits in both directions, where the system was assembled last.
+    """
+
+    a0: float
+    a1: float
+    a_above: float
+    a_below: float
+    j0: float
+    j1: float
+    j2: float
+    j_above: float
+    j_below: float
+    s0: float
+    s1: float
+    s2: float
+    s3: float
+    s_above: float
+    s_below: float
+
+
+_LEVEL = Steepness(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
 class Room(NamedTuple):
     """Work arrays of `quickest`.
 
     share, loose  shares and relaxed limits of each point
+    steepness     of the shares of each axis at each point, (n, N)
     forces        multipliers of the limits of each axis at each point, (n, N)
     force         multiplier of the largest z at each point, s
     coefficients, gradient, step and lower band of the Hessian
@@ -157,6 +183,7 @@ class Room(NamedTuple):
 
     share: Floats
     loose: Floats
+    steepness: Records2[Steepness]
     forces: Records2[Forces]
     force: Floats
     tried: Floats
@@ -291,11 +318,10 @@ def _gaps(g: float, loose: float) -> tuple[float, float]:
 
 
 @kernel
-def _pushed(up: float, down: float, g: float, loose: float, weight: float) -> tuple[float, float, float, float]:
+def _pushed(up: float, down: float, above: float, below: float, weight: float) -> tuple[float, float, float, float]:
     """Return gradient and curvature of the penalties of both directions of a limit with respect to g, and the
-    multipliers that were used.
+    multipliers that were used; `above` and `below` are the inverse of the distances to the limit.
     """
-    above, below = _gaps(g, loose)
     least_up = weight * above
     least_down = weight * below
     up = _held(up, least_up)
@@ -314,6 +340,7 @@ def _expanded(
     away: float,
     force: float,
     forces: Records[Forces],
+    steepness: Records[Steepness],
 ) -> Quadratic:
     """Return gradient and Hessian of time and penalties at a point; `weight` multiplies the penalties, and `away` (m)
     the time.
@@ -343,10 +370,13 @@ def _expanded(
         if _stands(r[i]):
             continue
         a_up, a_down, j_up, j_down, s_up, s_down = forces[i]
+        known = _LEVEL
         if speeds:
             # second derivatives of g are omitted (Gauss-Newton), so that the Hessian stays positive definite
             g, g0, g1, _, _ = _acceleration(z, r[i])
-            first, second, a_up, a_down = _pushed(a_up, a_down, g, loose, weight)
+            above, below = _gaps(g, loose)
+            known = known._replace(a0=g0, a1=g1, a_above=above, a_below=below)
+            first, second, a_up, a_down = _pushed(a_up, a_down, above, below, weight)
             d0 = d0 + first * g0
             d1 = d1 + first * g1
             h0 = second * g0
@@ -354,7 +384,9 @@ def _expanded(
             b01 = b01 + h0 * g1
             b11 = b11 + second * g1 * g1
             g, g0, g1, g2, _ = _jerk(z, root, r[i])
-            first, second, j_up, j_down = _pushed(j_up, j_down, g, loose, weight)
+            above, below = _gaps(g, loose)
+            known = known._replace(j0=g0, j1=g1, j2=g2, j_above=above, j_below=below)
+            first, second, j_up, j_down = _pushed(j_up, j_down, above, below, weight)
             d0 = d0 + first * g0
             d1 = d1 + first * g1
             d2 = d2 + first * g2
@@ -368,7 +400,9 @@ def _expanded(
             b22 = b22 + second * g2 * g2
         if looks != SPEEDS:
             g, g0, g1, g2, g3 = _snap(z, r[i])
-            first, second, s_up, s_down = _pushed(s_up, s_down, g, loose, weight)
+            above, below = _gaps(g, loose)
+            known = known._replace(s0=g0, s1=g1, s2=g2, s3=g3, s_above=above, s_below=below)
+            first, second, s_up, s_down = _pushed(s_up, s_down, above, below, weight)
             d0 = d0 + first * g0
             d1 = d1 + first * g1
             d2 = d2 + first * g2
@@ -387,6 +421,7 @@ def _expanded(
             b23 = b23 + h2 * g3
             b33 = b33 + second * g3 * g3
         forces[i] = Forces(a_up, a_down, j_up, j_down, s_up, s_down)
+        steepness[i] = known
     return Quadratic(d0, d1, d2, d3, b00, b01, b02, b03, b11, b12, b13, b22, b23, b33)
 
 
@@ -461,7 +496,25 @@ def _system(points: Points, rows: Records[Basis], mu: float, coefficient: Floats
                 points.away[p],
                 room.force[p],
                 room.forces[p],
+                room.steepness[p],
             )
+            if x1 == 0.0:
+                t0 = t0 + d0
+                t1 = t1 + d1
+                t2 = t2 + d2
+                t3 = t3 + d3
+                b00 = b00 + c00
+                b01 = b01 + c01
+                b02 = b02 + c02
+                b03 = b03 + c03
+                b11 = b11 + c11
+                b12 = b12 + c12
+                b13 = b13 + c13
+                b22 = b22 + c22
+                b23 = b23 + c23
+                b33 = b33 + c33
+                p = p + 1
+                continue
             x2 = 0.5 * x1 * x1
             x3 = x1 * x2 * (1.0 / 3.0)
             t0 = t0 + d0
@@ -613,37 +666,30 @@ def _farthest(points: Points, rows: Records[Basis], mu: float, coefficient: Floa
         loose = room.loose[p]
         weight = mu * points.weight[p]
         looks = points.looks[p]
-        root = sqrt(z.z)
         most = max(most, -dz.z / z.z)
         if looks != SNAP:
             gap = 1.0 / (points.most[p] * loose - z.z)
             most = max(most, dz.z * gap)
             room.force[p] = _moved(room.force[p], gap, dz.z, weight)
         for i in range(len(points.r[p])):
-            r = points.r[p, i]
-            if _stands(r):
+            if _stands(points.r[p, i]):
                 continue
+            known = room.steepness[p, i]
             a_up, a_down, j_up, j_down, s_up, s_down = room.forces[p, i]
             if looks != SNAP:
-                g, g0, g1, _, _ = _acceleration(z, r)
-                change = g0 * dz.z + g1 * dz.z1
-                above, below = _gaps(g, loose)
-                most = max(most, max(change * above, -change * below))
-                a_up = _moved(a_up, above, change, weight)
-                a_down = _moved(a_down, below, -change, weight)
-                g, g0, g1, g2, _ = _jerk(z, root, r)
-                change = g0 * dz.z + g1 * dz.z1 + g2 * dz.z2
-                above, below = _gaps(g, loose)
-                most = max(most, max(change * above, -change * below))
-                j_up = _moved(j_up, above, change, weight)
-                j_down = _moved(j_down, below, -change, weight)
+                change = known.a0 * dz.z + known.a1 * dz.z1
+                most = max(most, max(change * known.a_above, -change * known.a_below))
+                a_up = _moved(a_up, known.a_above, change, weight)
+                a_down = _moved(a_down, known.a_below, -change, weight)
+                change = known.j0 * dz.z + known.j1 * dz.z1 + known.j2 * dz.z2
+                most = max(most, max(change * known.j_above, -change * known.j_below))
+                j_up = _moved(j_up, known.j_above, change, weight)
+                j_down = _moved(j_down, known.j_below, -change, weight)
             if looks != SPEEDS:
-                g, g0, g1, g2, g3 = _snap(z, r)
-                change = g0 * dz.z + g1 * dz.z1 + g2 * dz.z2 + g3 * dz.z3
-                above, below = _gaps(g, loose)
-                most = max(most, max(change * above, -change * below))
-                s_up = _moved(s_up, above, change, weight)
-                s_down = _moved(s_down, below, -change, weight)
+                change = known.s0 * dz.z + known.s1 * dz.z1 + known.s2 * dz.z2 + known.s3 * dz.z3
+                most = max(most, max(change * known.s_above, -change * known.s_below))
+                s_up = _moved(s_up, known.s_above, change, weight)
+                s_down = _moved(s_down, known.s_below, -change, weight)
             room.forces[p, i] = Forces(a_up, a_down, j_up, j_down, s_up, s_down)
     return (1.0 - _NEARER) / most
 
@@ -1059,16 +1105,18 @@ def reserve_factor(
     limits: Records[Limits],
     shares: Limits,
     motion: Motion,
+    first: int,
+    last: int,
     r: Records[Derivatives],
     q: Records[Derivatives],
 ) -> float:
-    """Return the factor of the time of a motion at which it uses no more than shares of the limits of each axis, where
-    its time intervals begin and end; `top` is the largest speed on each piece.
+    """Return the factor of the time of time intervals `first` up to but excluding `last` of a motion at which they use
+    no more than shares of the limits of each axis, where they begin and end; `top` is the largest speed on each piece.
 
     r, q  workspace for each axis
     """
     factor = 0.0
-    for m in range(len(motion.duration)):
+    for m in range(first, last):
         now = interval_of(motion, m)
         for end in range(2):
             t = float(end) * now.duration
@@ -1216,6 +1264,7 @@ def _bent(first: int, last: int, miss: Reached, duration: Floats, snap: Floats, 
 def in_time(
     knots: Floats,
     coefficient: Floats,
+    rows: Records[Basis],
     begin: Floats,
     starts: State,
     ends: State,
@@ -1233,23 +1282,23 @@ def in_time(
     apply, whatever rounding makes of z there.
     """
     n = len(motion.duration)
-    for k in range(n + 1):
-        near = min(k, n - 1)
-        z = at(basis(knots, near, knots[k + 3]), coefficient, near)
-        if z.z <= 0.0 and k > 0 and k < n:
+    for k in range(1, n):
+        z = at(rows[k], coefficient, k)
+        if z.z <= 0.0:
             return False
-        v = sqrt(max(z.z, 0.0))
+        v = sqrt(z.z)
         at_knots[k] = State(v, 0.5 * z.z1, 0.5 * v * z.z2)
     at_knots[0] = starts
     at_knots[n] = ends
     for k in range(n):
         h = knots[k + 4] - knots[k + 3]
+        begins = at(rows[k], coefficient, k)
         lasts = 0.0
         for number in range(4):
             place = 0.8611363115940526 if number % 2 == 0 else 0.3399810435848563
             share = 0.3478548451374538 if number % 2 == 0 else 0.6521451548625461
             place = 0.5 - 0.5 * place if number < 2 else 0.5 + 0.5 * place
-            z = at(basis(knots, k, knots[k + 3] + place * h), coefficient, k)
+            z = shifted(begins, place * h)
             if z.z <= 0.0:
                 return False
             lasts = lasts + 0.5 * share * h / sqrt(z.z)
