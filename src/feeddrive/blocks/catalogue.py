@@ -14,8 +14,9 @@ import inspect
 import os
 import sys
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
+from importlib.machinery import PathFinder
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any, TypeVar
@@ -70,10 +71,31 @@ def _with_user_blocks(places: str) -> Mapping[type[Block], Mapping[str, type[Blo
 @cache
 def _entry_points() -> tuple[Any, ...]:
     """Return the entry points of the installed packages with blocks."""
-    from importlib.metadata import entry_points  # imported only when blocks are searched
+    if not _may_have_blocks():
+        return ()
+    from importlib.metadata import entry_points  # imported only when a package has blocks
 
     # sorted: which of two blocks of one kind is refused must not depend on the order of installation
     return tuple(sorted(entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value)))
+
+
+def _may_have_blocks() -> bool:
+    """Return False if no installed package has an entry point for blocks, without the import of importlib.metadata."""
+    # other finders may know packages that are no folders
+    if any(hasattr(finder, "find_distributions") for finder in sys.meta_path if finder is not PathFinder):
+        return True
+    for place in map(os.path.abspath, sys.path):
+        # Python names its own library as an archive, whether it is there or not
+        if os.path.isfile(place) or place.endswith(".egg"):
+            return True
+        for folder in os.listdir(place) if os.path.isdir(place) else ():
+            if folder.endswith((".dist-info", ".egg-info")):
+                with suppress(OSError), open(f"{place}/{folder}/entry_points.txt", "rb") as file:
+                    if ENTRY_POINTS.encode() in file.read():
+                        return True
+            elif folder.endswith(".egg"):
+                return True
+    return False
 
 
 def _installed() -> Iterator[tuple[str, type[Block]]]:

@@ -59,7 +59,6 @@ from feeddrive.blocks.families import Coupling, Cutter
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.columns import Column
 from feeddrive.files.machine import BUNDLED, MachineFile, planned_kinematics, planned_limits
-from feeddrive.files.read_log import OpenedFile, read_log
 from feeddrive.files.section import Section, file_name, named, text
 from feeddrive.files.toml_file import TomlTable
 from feeddrive.language.block import Number, choice, declarations, parameter, part
@@ -667,6 +666,9 @@ def _reference(rows: np.ndarray, T: float) -> Recorded:
 
 def _recorded(section: RecordedSection, place: Path, machine: MachineFile) -> PlannedProgram:
     """Read the setpoints recorded from another planner, and smooth those of each axis that has a column."""
+    # imported late: programs of other jobs need no reader of logs
+    from feeddrive.files.read_log import OpenedFile, read_log
+
     path = _path(section, place, "recorded")
     file = OpenedFile(path)
     unknown = next((name for name in section.columns if name not in machine.loops), None)

@@ -91,6 +91,8 @@ class Recorder:
 
     def _reduced(self, rows: np.ndarray, every: int) -> np.ndarray:
         """Reduce each group of `every` rows to one row; the last group may be shorter."""
+        if every == 1:
+            return rows
         begins = np.arange(-(-len(rows) // every)) * every
         # an index array copies, so that `rows` is not overwritten below
         reduced = rows[begins]

@@ -32,7 +32,6 @@ from feeddrive.path.program.frame import Frame, Travel
 from feeddrive.path.program.interpreter import Interpreter
 from feeddrive.path.program.moves import Begin, Command, Move, Point, read_command
 from feeddrive.path.program.resume import resumed
-from feeddrive.path.program.siemens import SiemensInterpreter
 from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINEAR, SYSTEM, SYSTEMS, Tool, read_tools
 
 PROGRAM, PACKAGE = "rs274", "linuxcnc-uspace"
@@ -423,5 +422,8 @@ def read_commands(
         table, numbered, tables_inch, skip_deleted, most_again, parameters or {}, kinematics, stands, from_line, turning
     )
     if dialect == "siemens":
+        # imported late: another language, with an interpreter of its own
+        from feeddrive.path.program.siemens import SiemensInterpreter
+
         return SiemensInterpreter(path, setting).commands()
     return Interpreter(path, setting, dialect).commands()
