@@ -51,7 +51,7 @@ def offered(name: str) -> Command[Any, Any, Any]:
 class _Words:
     """Reads the words of arguments and options by their types, in place of typer.
 
-    Since 0.26 typer does it by a model of pydantic for each option, whose import takes longer than the rest of `--help`.
+    Since 0.26 typer does it by a model of pydantic for each option, whose import takes as long as all of `--help`.
     """
 
     _NUMBERS: ClassVar = {int: "a whole number", float: "a number"}

@@ -70,9 +70,9 @@ from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.plan_options import NAMED, named_values, read_start, turning_of, turning_within
 from feeddrive.path.planned import Planned, planned_of
 from feeddrive.path.program.blocks import BlockError, located
-from feeddrive.path.program.dialects import DIALECTS
+from feeddrive.path.program.dialects import DIALECTS, FRONT_ENDS
 from feeddrive.path.program.moves import ORIENTATIONS, Arc, Move, Spindle, Spline, Straight, ToolChange, ToolPoint
-from feeddrive.path.program.reading import FRONT_ENDS, read_program
+from feeddrive.path.program.reading import read_program
 from feeddrive.path.purpose import PURPOSES, read_dynamics, settings, with_tolerance
 from feeddrive.path.schedule.override import read_steps
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill

@@ -161,7 +161,9 @@ def bitcode_of(source: str, passes: Sequence[str]) -> bytes:
 
     triple, processor, features = target()
     module = binding.parse_assembly(source)
-    _optimize(module, binding.Target.from_triple(triple).create_target_machine(cpu=processor, features=features), passes)
+    _optimize(
+        module, binding.Target.from_triple(triple).create_target_machine(cpu=processor, features=features), passes
+    )
     return module.as_bitcode()
 
 

@@ -14,9 +14,9 @@ from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
 from feeddrive.path.feed_loss import FeedLoss
 from feeddrive.path.kinematics import Kinematics
-from feeddrive.path.limits import MachineLimits
+from feeddrive.path.limits import DERIVATIVES, MachineLimits
 from feeddrive.path.motion import TipColumns
-from feeddrive.path.proof import DERIVATIVES, Proof
+from feeddrive.path.proof import Proof
 from feeddrive.path.purpose import Settings
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 from feeddrive.path.tip_proof import TipProof

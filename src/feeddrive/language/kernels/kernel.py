@@ -281,7 +281,6 @@ class Unit:
             prepared=self._prepared if effort is QUICK else None,
         )
 
-
     def _prepared(self) -> bytes | None:
         """Return the module as bitcode after the passes of QUICK, if `prepared.py` has made it."""
         try:

@@ -16,7 +16,6 @@ from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
 from math import degrees
 from pathlib import Path
-from typing import Literal, get_args
 
 from feeddrive.language.errors import MissingProgramError, ParameterError, ProgramError, plain
 from feeddrive.language.quantity import Quantity
@@ -26,7 +25,7 @@ from feeddrive.path.program import blocks
 from feeddrive.path.program.aiming import BY_AXES, Turning
 from feeddrive.path.program.blocks import BlockError, Line, LineReader, Place
 from feeddrive.path.program.budget import MOST_AGAIN, check_lines
-from feeddrive.path.program.dialects import DialectName
+from feeddrive.path.program.dialects import DialectName, FrontEnd
 from feeddrive.path.program.execution import Setting
 from feeddrive.path.program.frame import Frame, Travel
 from feeddrive.path.program.interpreter import Interpreter
@@ -301,8 +300,6 @@ def _refused(source: _Source, line: Line, complaint: str, code: int, no_tools: b
     return ProgramError(line.file, line.number, column, word, f"{PROGRAM} refuses it: {reason}")
 
 
-FrontEnd = Literal["auto", "own", "rs274"]
-FRONT_ENDS: tuple[FrontEnd, ...] = get_args(FrontEnd)
 """The readers of a program."""
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from feeddrive.language.kernels.source import by_field, rows_for
 from feeddrive.language.threads import in_order
+from feeddrive.path.limits import DERIVATIVES
 from feeddrive.path.motion import (
     LINE,
     Derivatives,
@@ -30,7 +31,7 @@ from feeddrive.path.motion import (
     slowed,
     way,
 )
-from feeddrive.path.proof import DERIVATIVES, Broken, faults_of
+from feeddrive.path.proof import Broken, faults_of
 from feeddrive.path.schedule import spline
 from feeddrive.path.schedule.ramp import Slopes
 from feeddrive.path.schedule.spline import Basis, Forces, Points, Rates, Reached, Room, State
