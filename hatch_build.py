@@ -1,4 +1,4 @@
-"""Builds the page of the studio and the bitcode of the kernels into wheels and source distributions, not into editable installs.
+"""Builds the page of the studio and the bitcode of kernels into wheels and source distributions, not editable installs.
 
 The source distribution holds the built page, so that a wheel that is made from it needs neither node nor a network.
 """
