@@ -37,7 +37,6 @@ COMMANDS = (
     "check certified/certificate.json",
     "run ball_screw --out ran",
     "circle xy_table --out circle",
-    "identify run.csv --out identified",
     "tune ball_screw --box none --out tuned",
     "tune ball_screw --out tuned_box",
     "demo --out demo",
