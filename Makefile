@@ -107,7 +107,7 @@ format: stubs
 	$(BIN)/ruff check --fix .
 
 clean:
-	rm -rf $(VENV) site .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) site .pytest_cache .ruff_cache .hypothesis src/feeddrive/language/kernels/bitcode
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; v = sys.version_info; v >= (3, 11) or sys.exit("feeddrive needs Python >= 3.11; $(PYTHON) is %d.%d. Name another one: make demo PYTHON=python3.12" % v[:2])'
@@ -115,6 +115,7 @@ $(BIN)/python:
 
 $(VENV)/installed: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m feeddrive.language.kernels.prepared
 	@touch $@
 
 # what development and CI install: the files whose hashes are in the lock, and nothing that they would fetch to build.
@@ -126,4 +127,5 @@ else
 	$(BIN)/python -m pip install --quiet --require-hashes --requirement $(LOCK)
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 endif
+	$(BIN)/python -m feeddrive.language.kernels.prepared
 	@touch $@ $(VENV)/installed

@@ -1,4 +1,4 @@
-"""Builds the page of the studio into wheels and source distributions; editable installs go without it.
+"""Builds the page of the studio and the bitcode of kernels into wheels and source distributions, not editable installs.
 
 The source distribution holds the built page, so that a wheel that is made from it needs neither node nor a network.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,11 @@ class PageHook(BuildHookInterface):
         return [] if self._ready() or shutil.which("npm") else [NODE]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Build the page. Raises RuntimeError that says what is missing."""
-        if version == "editable" or self._ready():
+        """Build page and bitcode. Raises RuntimeError that says what is missing for the page."""
+        if version == "editable":
+            return
+        self._prepare_kernels()
+        if self._ready():
             return
         npm = _npm()
         for words in (["ci", "--no-audit", "--no-fund"], ["run", "build"]):
@@ -35,6 +39,12 @@ class PageHook(BuildHookInterface):
                     f"npm {' '.join(words)} failed in page/: it needs a network for the packages that "
                     "page/package-lock.json names; its own words stand above"
                 )
+
+    def _prepare_kernels(self) -> None:
+        """Write the bitcode where this environment has numpy and llvmlite, as that of `make dist`; else go without."""
+        words = [sys.executable, "-m", "feeddrive.language.kernels.prepared"]
+        env = {**os.environ, "PYTHONPATH": str(Path(self.root) / "src")}
+        subprocess.call(words, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     def _ready(self) -> bool:
         """Whether the page stands there as it was released; in a clone it may be older than its sources."""

@@ -62,7 +62,7 @@ def test_remarks_and_tables_are_not_broken(log: Path) -> None:
     ("words", "line"),
     [
         (["frf", "{far}", "--bla"], "Error: No such option: --bla"),
-        (["tune", "emps", "--starts", "{far}"], "Error: Invalid value for '--starts': Input should be a valid integer"),
+        (["tune", "emps", "--starts", "{far}"], "Error: Invalid value for '--starts': it must be a whole number, not "),
         (["tune", "--help"], "  Tune gains and filters of an axis within limits; write a machine file and a report "),
     ],
 )

@@ -369,6 +369,52 @@ def test_no_command_loads_before_it_works_what_only_its_work_needs() -> None:
     assert not (HEAVY | {"pyarrow"}) & found
 
 
+# of packages: all that stands in them
+PLANNER = {
+    "feeddrive.path.setpoints",
+    "feeddrive.path.proof",
+    "feeddrive.path.schedule",
+    "feeddrive.path.program.reading",
+}
+LOGS = {"feeddrive.files.read_log", "feeddrive.identification", "feeddrive.analysis.replay"}
+WORK = {
+    "llvmlite",
+    "pyarrow",
+    "jinja2",
+    "scipy",
+    "importlib.metadata",
+    "feeddrive.report.page",
+    "feeddrive.loop.gradient",
+}
+NEVER = {"pydantic", "matplotlib", "pandas"}
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "without"),
+    [
+        ("--help", 0, {"feeddrive.files", "feeddrive.path", "feeddrive.loop", "rich"} | LOGS | WORK),
+        ("plan --help", 0, {"feeddrive.files.part_program", "feeddrive.language.kernels"} | PLANNER | LOGS | WORK),
+        ("plan absent.ngc --machine mill", 2, {"feeddrive.files.part_program"} | PLANNER | LOGS | WORK),
+        ("plan absent.ngc --machine mill --tolerance x", 2, PLANNER | LOGS | WORK),
+        ("run absent.toml", 2, PLANNER | WORK - {"feeddrive.loop.gradient", "feeddrive.report.page"}),
+        ("plan {part} --limits {limits} --sample-time 1 --out {out}", 0, LOGS | {"feeddrive.path.program.siemens"}),
+    ],
+)
+def test_a_command_loads_what_it_uses(tmp_path: Path, words: str, code: int, without: set[str]) -> None:
+    """A tenth of a second is some 100 modules: what a command does not need is imported by what needs it."""
+    part, limits = tmp_path / "part.ngc", tmp_path / "limits.toml"
+    part.write_text("G21 G90 F1000\nG1 X1\nM2\n", encoding="utf-8")
+    keys = "velocity = 0.5\nacceleration = 5\njerk = 100\nsnap = 5e4\n"
+    limits.write_text("".join(f"[axis.{axis}.limits]\n{keys}" for axis in "xyz"), encoding="utf-8")
+    given = words.format(part=part, limits=limits, out=tmp_path / "out").split()
+    found = loaded_by(
+        f"sys.argv[1:] = {given!r}\nfrom feeddrive.cli import main\nimport contextlib, io\n"
+        f"with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):\n"
+        f"    try: main()\n    except SystemExit as ended: code = ended.code\nassert code == {code}, code"
+    )
+    assert not {name for name in found for late in without | NEVER if name == late or name.startswith(f"{late}.")}
+
+
 def test_channels_of_a_text_log_loads_pyarrow_alone(tmp_path: Path) -> None:
     """Its time is that of the imports, too; pandas alone took as long as all others."""
     rows = "".join(f"{k},{0.1 * k:.1f},{0.1 * k - 0.02:.2f}\n" for k in range(100))

@@ -14,8 +14,9 @@ import inspect
 import os
 import sys
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
+from importlib.machinery import PathFinder
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any, TypeVar
@@ -68,17 +69,38 @@ def _with_user_blocks(places: str) -> Mapping[type[Block], Mapping[str, type[Blo
 
 
 @cache
-def _entry_points() -> tuple[Any, ...]:
-    """Return the entry points of the installed packages with blocks."""
-    from importlib.metadata import entry_points  # imported only when blocks are searched
+def installed_points(group: str) -> tuple[Any, ...]:
+    """Return the entry points of a group in the installed packages."""
+    if not _is_named(group):
+        return ()
+    from importlib.metadata import entry_points  # imported only when a package has some
 
-    # sorted: which of two blocks of one kind is refused must not depend on the order of installation
-    return tuple(sorted(entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value)))
+    # sorted: which of two packages with the same name is refused must not depend on the order of installation
+    return tuple(sorted(entry_points(group=group), key=lambda point: (point.name, point.value)))
+
+
+def _is_named(group: str) -> bool:
+    """Return False if no installed package names a group of entry points, without the import of importlib.metadata."""
+    # other finders may know packages that are no folders
+    if any(hasattr(finder, "find_distributions") for finder in sys.meta_path if finder is not PathFinder):
+        return True
+    for place in map(os.path.abspath, sys.path):
+        # Python names its own library as an archive, whether it is there or not
+        if os.path.isfile(place) or place.endswith(".egg"):
+            return True
+        for folder in os.listdir(place) if os.path.isdir(place) else ():
+            if folder.endswith((".dist-info", ".egg-info")):
+                with suppress(OSError), open(f"{place}/{folder}/entry_points.txt", "rb") as file:
+                    if group.encode() in file.read():
+                        return True
+            elif folder.endswith(".egg"):
+                return True
+    return False
 
 
 def _installed() -> Iterator[tuple[str, type[Block]]]:
     """Yield (origin, block) for every block of the installed packages."""
-    for point in _entry_points():
+    for point in installed_points(ENTRY_POINTS):
         package = point.dist.name if point.dist is not None else point.name
         for block in _held(f"the installed package '{package}' (mend or uninstall it)", point.value):
             yield f"the installed package '{package}'", block
@@ -217,7 +239,7 @@ def member(family: type[B], kind: str) -> type[B] | None:
     A shipped block has the name of its file.  If there are no user-defined blocks, whose kinds may clash, only this
     file is imported: a machine has a tenth of all blocks.
     """
-    if not (_entry_points() or os.environ.get(VARIABLE)):
+    if not (installed_points(ENTRY_POINTS) or os.environ.get(VARIABLE)):
         for module in _files().get(kind, ()):
             for block in blocks_of(module):
                 if block.kind == kind and family_of(block) is family:

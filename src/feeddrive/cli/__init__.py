@@ -39,8 +39,10 @@ def main() -> None:
     """Run the command line and exit."""
     # Set before numpy is imported: its threads split matrices that are too small and wait longer than they work.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Python looks for cyclic garbage after 700 new objects: a twentieth of a command's time, whose graphs have many
+    # Python looks for cyclic garbage after 700 new objects: a twentieth of a command's time, whose graphs have many.
+    # What is imported stays, so nothing is looked for until the command begins (`_perform`).
     gc.set_threshold(20_000)
+    gc.disable()
     # Child processes are started by `python -c`, which would import modules from the working directory first: a
     # numpy.py in a folder with logs of somebody else would be run.
     os.environ.setdefault("PYTHONSAFEPATH", "1")

@@ -3,6 +3,7 @@
 A command's module is imported when it is called or its `--help` is shown; `feeddrive --help` needs only the names.
 """
 
+import gc
 import inspect
 import json
 import sys
@@ -12,7 +13,7 @@ from dataclasses import replace
 from functools import cached_property
 from glob import escape, glob
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, get_args, get_origin
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -47,6 +48,47 @@ def offered(name: str) -> Command[Any, Any, Any]:
     return studio
 
 
+class _Words:
+    """Reads the words of arguments and options by their types, in place of typer.
+
+    Since 0.26 typer does it by a model of pydantic for each option, whose import takes as long as all of `--help`.
+    """
+
+    _NUMBERS: ClassVar = {int: "a whole number", float: "a number"}
+
+    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return the value of the words that were found; raise BadParameter, which names the option."""
+        kind = param.type_descriptor.annotation
+        if get_origin(kind) is list:
+            return [self._one(get_args(kind)[0], word, param, ctx) for word in value or ()]
+        return None if value is None else self._one(kind, value, param, ctx)
+
+    def _one(self, kind: Any, word: Any, param: Any, ctx: Any) -> Any:
+        try:
+            return kind(word)
+        except ValueError:
+            raise typer.BadParameter(f"it must be {self._NUMBERS[kind]}, not {word!r}", ctx, param) from None
+
+    def given_to(self, parameters: list[Any]) -> list[Any]:
+        """Return the arguments and options of a command, which use this object from now on."""
+        for parameter in parameters:
+            # earlier versions of typer have no such attribute, and use no pydantic
+            if hasattr(parameter, "_runtime_param"):
+                parameter._runtime_param = self
+        return parameters
+
+
+_WORDS = _Words()
+
+
+class _Actual(TyperCommand):
+    """A command with its options."""
+
+    def get_params(self, ctx: Any) -> Any:
+        """Return the arguments and options, `--help` included."""
+        return _WORDS.given_to(super().get_params(ctx))
+
+
 class _Later(TyperCommand):
     """A command with its name and summary only; its module is imported when its options are needed."""
 
@@ -56,7 +98,8 @@ class _Later(TyperCommand):
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=self.rich_markup_mode)
         examples = [f"feeddrive {self.name} {arguments}".rstrip() for arguments in OFFERED[str(self.name)].examples]
         epilog = "\n\n".join(["Example:" if len(examples) == 1 else "Examples:", *examples])
-        app.command(self.name, help=self.help, epilog=epilog)(_function(offered(str(self.name))))
+        function = _function(offered(str(self.name)))
+        app.command(self.name, cls=_Actual, help=self.help, epilog=epilog)(function)
         return get_command(app)
 
     @property
@@ -84,6 +127,10 @@ class Commands(TyperGroup):
             for name, command in OFFERED.items()
         ]
         self.commands = {str(command.name): command for command in self.later}
+
+    def get_params(self, ctx: Any) -> Any:
+        """Return the options that precede the command."""
+        return _WORDS.given_to(super().get_params(ctx))
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the commands by group for plain output; on a terminal each group has its own panel."""
@@ -295,6 +342,10 @@ def _perform(command: Command[Any, Any, Any], values: dict[str, Any], *, verbose
     if usual is not None and request.out is None:
         request = replace(request, out=usual)
     console = open_console(errors=as_json)
+    if not gc.isenabled():
+        # switched off by `main` while modules are imported
+        gc.freeze()
+        gc.enable()
     with TerminalProgress(console) as progress:
         outcome = command.run(request, progress)
     if as_json:

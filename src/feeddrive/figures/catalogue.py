@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from feeddrive.blocks.catalogue import module_at
+from feeddrive.blocks.catalogue import installed_points, module_at
 from feeddrive.figures.figure import DUTY, Figure
 from feeddrive.figures.of_loops import OF_LOOPS, at_frequency
 from feeddrive.figures.of_runs import OF_RUNS
@@ -65,10 +65,7 @@ def _with_own(allow: tuple[str, ...]) -> Mapping[str, Figure]:
 
 
 def _installed() -> Iterator[tuple[str, Figure]]:
-    from importlib.metadata import entry_points
-
-    # sorted: which of two packages owns a duplicate key must not depend on the order of installation
-    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda point: (point.name, point.value)):
+    for point in installed_points(ENTRY_POINTS):
         package = point.dist.name if point.dist is not None else point.name
         origin = f"the installed package '{package}' (mend or uninstall it)"
         for member in _held(origin, point.value):

@@ -10,7 +10,6 @@ import contextlib
 import errno
 import json
 import os
-import secrets
 import shutil
 import stat
 from collections.abc import Generator
@@ -120,7 +119,7 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
 def _beside(target: Path, suffix: str) -> Path:
     """Return an unused hidden path next to `target`; long names are shortened to the length that file systems allow."""
     # In the same directory, hence the same file system, since a rename across two is not atomic.
-    return target.parent / f".{target.name[:60]}.{secrets.token_hex(6)}.{suffix}"
+    return target.parent / f".{target.name[:60]}.{os.urandom(6).hex()}.{suffix}"
 
 
 def _flush(path: Path, how: int) -> None:

@@ -48,7 +48,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -59,7 +59,6 @@ from feeddrive.blocks.families import Coupling, Cutter
 from feeddrive.blocks.reference.recorded import Recorded
 from feeddrive.files.columns import Column
 from feeddrive.files.machine import BUNDLED, MachineFile, planned_kinematics, planned_limits
-from feeddrive.files.read_log import OpenedFile, read_log
 from feeddrive.files.section import Section, file_name, named, text
 from feeddrive.files.toml_file import TomlTable
 from feeddrive.language.block import Number, choice, declarations, parameter, part
@@ -69,15 +68,14 @@ from feeddrive.language.text import Text
 from feeddrive.loop.simulate import samples
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.plan_options import NAMED, named_values, read_start, turning_of, turning_within
-from feeddrive.path.planned import Planned, planned_of
 from feeddrive.path.program.blocks import BlockError, located
-from feeddrive.path.program.dialects import DIALECTS
+from feeddrive.path.program.dialects import DIALECTS, FRONT_ENDS
 from feeddrive.path.program.moves import ORIENTATIONS, Arc, Move, Spindle, Spline, Straight, ToolChange, ToolPoint
-from feeddrive.path.program.reading import FRONT_ENDS, read_program
 from feeddrive.path.purpose import PURPOSES, read_dynamics, settings, with_tolerance
-from feeddrive.path.schedule.override import read_steps
-from feeddrive.path.setpoints import Samples, Setpoints, Standstill
-from feeddrive.path.smoothing import reach, smoothed
+
+if TYPE_CHECKING:
+    from feeddrive.path.planned import Planned
+    from feeddrive.path.setpoints import Samples, Standstill
 
 _COMMENT = re.compile(r"\(([^()]*)\)|;(.*)")
 _WORD = re.compile(r"\b(ap|ae)\s*=\s*(\S*)", re.IGNORECASE)
@@ -512,6 +510,12 @@ def planned_program(
             raise process.error("[process] goes with a part program, whose lines it speaks of, not with recorded = ...")
         return _recorded(section, place, machine)
     assert isinstance(section, PartProgramSection)
+    # imported late: most jobs have no part program
+    from feeddrive.path.planned import planned_of
+    from feeddrive.path.program.reading import read_program
+    from feeddrive.path.schedule.override import read_steps
+    from feeddrive.path.setpoints import Setpoints
+
     program = _path(section, place, "file")
     tools, offsets, own_limits = (
         None if getattr(section, name) is None else _path(section, place, name)
@@ -667,6 +671,10 @@ def _reference(rows: np.ndarray, T: float) -> Recorded:
 
 def _recorded(section: RecordedSection, place: Path, machine: MachineFile) -> PlannedProgram:
     """Read the setpoints recorded from another planner, and smooth those of each axis that has a column."""
+    # imported late: programs of other jobs need no reader of logs
+    from feeddrive.files.read_log import OpenedFile, read_log
+    from feeddrive.path.smoothing import reach, smoothed
+
     path = _path(section, place, "recorded")
     file = OpenedFile(path)
     unknown = next((name for name in section.columns if name not in machine.loops), None)

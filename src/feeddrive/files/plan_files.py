@@ -21,9 +21,9 @@ import numpy as np
 from feeddrive.files.columns import arrow_column
 from feeddrive.files.run_files import parquet_stream, run_stream
 from feeddrive.path.geometry.weights import ROTARY
-from feeddrive.path.limits import MachineLimits
+from feeddrive.path.limits import DERIVATIVES, MachineLimits
 from feeddrive.path.planned import FEW, Planned
-from feeddrive.path.proof import DERIVATIVES, WIDENED
+from feeddrive.path.proof import WIDENED
 from feeddrive.path.setpoints import REASONS, Samples, Standstill
 from feeddrive.version import __version__
 

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from feeddrive.identification.motion.motion_log import MotionLog
-from feeddrive.identification.motion.rigid import identify_rigid
 from feeddrive.identification.regression import SHAFT, TABLE, TURNING, Frame
 from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.quantity import Quantity
@@ -125,6 +123,10 @@ def sizes(
 
 def _mass(frame: Frame, sample_time: float, position: np.ndarray, force: np.ndarray) -> float | None:
     """Return the mass from the inverse dynamics, whatever the sign of the force; None if it is not identifiable."""
+    # imported late: most readers of a log ask only for the ranges
+    from feeddrive.identification.motion.motion_log import MotionLog
+    from feeddrive.identification.motion.rigid import identify_rigid
+
     # an inverted force is another fault, with a message of its own: here only the magnitude counts
     for sign in (1.0, -1.0):
         try:

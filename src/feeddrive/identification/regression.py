@@ -18,7 +18,6 @@ from feeddrive.language.graph import Graph, Symbol
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import UNIT, Cell, Column, Result, Table
 from feeddrive.language.text import Text
-from feeddrive.loop.gradient import push
 from feeddrive.loop.trace import evaluate
 
 NORMAL = 1.959963985  # half width of a 95 % interval of a normal error, in standard errors
@@ -523,6 +522,9 @@ class TracedForce(Generic[B]):
     """
 
     def __init__(self, block: B, arguments: Sequence[str], force: Callable[[B, Mapping[str, Number]], Number]) -> None:
+        # imported late: a log is read and judged without derivatives
+        from feeddrive.loop.gradient import push
+
         graph = Graph()
         self.names, self.arguments = tuple(name for name, _ in tree.leaves(block)), tuple(arguments)
         leaves = [graph.input(name) for name in self.names]

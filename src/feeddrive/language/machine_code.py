@@ -80,6 +80,7 @@ def linked_code(
     effort: int,
     passes: Sequence[str] = (),
     stored: bool = False,
+    prepared: Callable[[], bytes | None] | None = None,
 ) -> MachineCode | None:
     """Return the compiled functions `names` of an LLVM module that calls external functions at the addresses `symbols`.
 
@@ -87,6 +88,7 @@ def linked_code(
              only on a cache miss
     below    the machine code of the external functions
     stored   if True, return None when the code is not in the disk cache
+    prepared returns the module as bitcode that the passes have run over, if there is any: it spares text and passes
     """
     import llvmlite.binding as binding
 
@@ -98,7 +100,7 @@ def linked_code(
         # under the lock: LLVM has one table of external symbols for the whole process
         for name, address in symbols.items():
             binding.add_symbol(name, address)
-        compiled = _made(key, code, source, names, effort, passes)
+        compiled = _made(key, code, source, names, effort, passes, prepared)
     return compiled._replace(below=tuple(below))
 
 
@@ -113,7 +115,13 @@ def _key(content: str, effort: int, passes: Sequence[str]) -> str:
 
 
 def _made(
-    key: str, stored: bytes | None, source: Callable[[], str], names: Sequence[str], effort: int, passes: Sequence[str]
+    key: str,
+    stored: bytes | None,
+    source: Callable[[], str],
+    names: Sequence[str],
+    effort: int,
+    passes: Sequence[str],
+    prepared: Callable[[], bytes | None] | None = None,
 ) -> MachineCode:
     """Load cached machine code, or compile it and store it on disk."""
     import llvmlite.binding as binding
@@ -122,13 +130,41 @@ def _made(
     machine = binding.Target.from_triple(triple).create_target_machine(
         cpu=processor, features=features, opt=effort, jit=True
     )
-    module = binding.parse_assembly(source() if stored is None else _stubs(triple, names))
-    if stored is None and passes:
-        _optimize(module, machine, passes)
+    module = _parsed(prepared, triple) if stored is None else binding.parse_assembly(_stubs(triple, names))
+    if module is None:
+        module = binding.parse_assembly(source())
+        if passes:
+            _optimize(module, machine, passes)
     engine = binding.create_mcjit_compiler(module, machine)
     engine.set_object_cache(lambda _, code: _store(key, code), lambda _: stored)
     engine.finalize_object()
     return MachineCode(key, engine, {name: engine.get_function_address(name) for name in names})
+
+
+def _parsed(prepared: Callable[[], bytes | None] | None, triple: str) -> Any:
+    """Return the module of prepared bitcode, or None if there is none that this version of LLVM reads."""
+    import llvmlite.binding as binding
+
+    given = prepared() if prepared else None
+    # LLVM reads the bitcode of older versions only
+    with contextlib.suppress(RuntimeError):
+        module = None if given is None else binding.parse_bitcode(given)
+        if module is not None:
+            module.triple = triple
+        return module
+    return None
+
+
+def bitcode_of(source: str, passes: Sequence[str]) -> bytes:
+    """Return the bitcode of an LLVM module after some passes."""
+    import llvmlite.binding as binding
+
+    triple, processor, features = target()
+    module = binding.parse_assembly(source)
+    _optimize(
+        module, binding.Target.from_triple(triple).create_target_machine(cpu=processor, features=features), passes
+    )
+    return module.as_bitcode()
 
 
 def _optimize(module: Any, machine: Any, passes: Sequence[str]) -> None:

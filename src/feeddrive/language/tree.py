@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any, TypeVar, cast
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -274,8 +275,22 @@ def sampled_rules(tree: Any, T: Number) -> Iterator[Rule]:
 
 
 def check_sampled(block: Block, sample_time: float) -> None:
-    """Raise ParameterError for the first rule that a block or one of its parts violates at a sample time in s."""
-    enforce(block, lambda plain: sampled_rules(plain, np.float64(sample_time)))
+    """Raise ParameterError for the first rule that a block or one of its parts violates at a sample time in s.
+
+    A part that was checked at this sample time, in this or another block, is not checked again.
+    """
+    for part in blocks(block):
+        if type(part).sampled_rules is Block.sampled_rules:
+            continue
+        # blocks do not change; a machine makes the loop of an axis from the same parts many times
+        sound = _sound.setdefault(part, set())
+        if sample_time not in sound:
+            enforce(part, lambda plain: plain.sampled_rules(np.float64(sample_time)))
+            sound.add(sample_time)
+
+
+_sound = WeakKeyDictionary[Block, set[float]]()
+"""The sample times, in s, at which the sampled rules of a block have been checked."""
 
 
 def blocks(tree: Any) -> Iterator[Block]:

@@ -38,7 +38,7 @@ from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import Run, samples, stream_each
 from feeddrive.machining.contour import contour_error, curve_of_motion
 from feeddrive.path.changed_path import changed_use, keeps
-from feeddrive.path.proof import DERIVATIVES
+from feeddrive.path.limits import DERIVATIVES
 
 # Friction of q = 1.3 or p = 0.7 times the model leaves least in the worst case with 2 p q/(p + q)
 SHARE = 0.91

@@ -147,7 +147,12 @@ class Loop(Block):
     def require(self) -> None:
         """Check the block; errors from the controller or the physics are raised with the name of the axis."""
         try:
-            super().require()
+            # symbols and variants are checked by the rules of the whole loop
+            if isinstance(self.sample_time, float):
+                self.check()
+                tree.check_sampled(self, self.sample_time)
+            else:
+                super().require()
         except (ParameterError, StructureError) as error:
             raise type(error)(tree.in_paths(self, str(error))) from None
 

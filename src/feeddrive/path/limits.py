@@ -18,6 +18,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,11 +28,13 @@ from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.loop.guard import travel_rules
 from feeddrive.path.geometry.weights import ANGLE_TOLERANCE, ROTARY
-from feeddrive.path.program.blocks import BlockError, located
-from feeddrive.path.program.frame import FARTHEST
-from feeddrive.path.program.moves import Move, PathMode
-from feeddrive.path.proof import DERIVATIVES
 
+if TYPE_CHECKING:
+    from feeddrive.path.program.moves import Move
+
+DERIVATIVES = ("velocity", "acceleration", "jerk", "snap")
+FARTHEST = 1e6
+"""The largest magnitude of a coordinate, m or rad."""
 LETTERS = "XYZABCUVW"
 """The axis letters of a part program."""
 ROUNDING = 1e-12
@@ -190,6 +193,10 @@ class MachineLimits:
 
         Raises ProgramError at the line of an unsuitable tolerance.
         """
+        # imported late: machines are also read where nothing is planned
+        from feeddrive.path.program.blocks import BlockError, located
+        from feeddrive.path.program.moves import PathMode
+
         for move in moves:
             unfit = self.unfit(move.tolerance) if isinstance(move, PathMode) else ""
             if unfit:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from feeddrive.language.errors import ParameterError, shown
 from feeddrive.path.geometry.weights import ROTARY
 from feeddrive.path.limits import MachineLimits
-from feeddrive.path.program.aiming import Turning
 from feeddrive.path.program.moves import Orientation
+
+if TYPE_CHECKING:
+    from feeddrive.path.program.aiming import Turning
 
 NAMED = "_depth=3, _feed=40"
 """An example of values by name."""
@@ -25,6 +28,8 @@ def turning_of(orientation: str, limits: MachineLimits, tolerance: float | None)
     """
     how: Orientation = orientation  # type: ignore[assignment]
     least = float(np.min(limits.angle_tolerances, initial=math.inf))
+    from feeddrive.path.program.aiming import Turning  # imported late: the options of a job need no planner
+
     return Turning(how, _AT_POLE * least if math.isfinite(least) else 0.0, tolerance is not None)
 
 

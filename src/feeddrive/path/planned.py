@@ -14,9 +14,9 @@ from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
 from feeddrive.path.feed_loss import FeedLoss
 from feeddrive.path.kinematics import Kinematics
-from feeddrive.path.limits import MachineLimits
+from feeddrive.path.limits import DERIVATIVES, MachineLimits
 from feeddrive.path.motion import TipColumns
-from feeddrive.path.proof import DERIVATIVES, Proof
+from feeddrive.path.proof import Proof
 from feeddrive.path.purpose import Settings
 from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 from feeddrive.path.tip_proof import TipProof
@@ -91,6 +91,8 @@ class Recorder:
 
     def _reduced(self, rows: np.ndarray, every: int) -> np.ndarray:
         """Reduce each group of `every` rows to one row; the last group may be shorter."""
+        if every == 1:
+            return rows
         begins = np.arange(-(-len(rows) // every)) * every
         # an index array copies, so that `rows` is not overwritten below
         reduced = rows[begins]

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from feeddrive.language.errors import ParameterError
+from feeddrive.path.limits import FARTHEST
 from feeddrive.path.program.blocks import AXES, Line
-from feeddrive.path.program.frame import FARTHEST
 from feeddrive.path.program.moves import End, Feed, Move, PathMode, Straight
 
 NAME = "waypoints"

@@ -42,6 +42,7 @@ from feeddrive.language.kernels.source import Floats, Floats2, Floats3, Records,
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.table import Result, Table
 from feeddrive.language.text import Text
+from feeddrive.path.limits import DERIVATIVES
 from feeddrive.path.motion import (
     Derivatives,
     Entering,
@@ -951,9 +952,6 @@ def _prove_corner(
         work,
     )
     return _Corner(spans0 + spans1 + spans, first, second, both, True, away)
-
-
-DERIVATIVES = ("velocity", "acceleration", "jerk", "snap")
 
 
 class Fault(NamedTuple):

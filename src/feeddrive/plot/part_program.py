@@ -10,9 +10,8 @@ import numpy as np
 from feeddrive.language.quantity import Quantity, unit_name
 from feeddrive.language.text import Text
 from feeddrive.path.kinematics import LINEAR
-from feeddrive.path.limits import FEED, STANDSTILL
+from feeddrive.path.limits import DERIVATIVES, FEED, STANDSTILL
 from feeddrive.path.planned import Planned
-from feeddrive.path.proof import DERIVATIVES
 from feeddrive.path.setpoints import causes
 from feeddrive.plot import chart, style
 from feeddrive.plot.chart import Abscissa, Chart, Curve, Heat, Level, Mark, Note, Panel, Tick

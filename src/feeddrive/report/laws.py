@@ -1,8 +1,11 @@
 """The contents of a report that compares laws on the same task: an entry for each law, common facts, conclusions."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +22,10 @@ from feeddrive.loop.frequency_response import FRF
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.simulate import Run, root_mean_square
 from feeddrive.machining.part_run import PartRun
-from feeddrive.path.planned import Planned
 from feeddrive.report.report import Part, Picture, Section
+
+if TYPE_CHECKING:
+    from feeddrive.path.planned import Planned
 
 _LINES = 1500  # lines of a frequency response, from 1 Hz to Nyquist
 

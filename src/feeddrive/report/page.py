@@ -9,11 +9,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.language.errors import sentence
+from feeddrive.language.machine_code import cache_directory
 from feeddrive.language.quantity import DRAWN, Units
 from feeddrive.language.table import READER, Grid, Table, drawn_in
 from feeddrive.language.text import marked, plain, resolve, split
@@ -78,16 +80,21 @@ def write_page(out: str | Path, report: Report, texts: Mapping[str, str]) -> Pat
 @cache
 def _environment() -> Environment:
     # imported on use: most commands write no page, and would start later
-    from jinja2 import Environment, PackageLoader, StrictUndefined, pass_context
+    import jinja2
+    from jinja2 import Environment, FileSystemBytecodeCache, PackageLoader, StrictUndefined, pass_context
     from markupsafe import Markup, escape
 
-    environment = Environment(
-        loader=PackageLoader("feeddrive.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    options: dict[str, Any] = {
+        "autoescape": True,
+        "undefined": StrictUndefined,
+        "trim_blocks": True,
+        "lstrip_blocks": True,
+    }
+    # the compiled template depends on these; Jinja itself looks at its text only
+    digest = sha256(f"{jinja2.__version__} {options}".encode()).hexdigest()
+    folder = cache_directory()
+    kept = FileSystemBytecodeCache(str(folder), f"template_{digest[:32]}_%s") if folder else None
+    environment = Environment(loader=PackageLoader("feeddrive.report"), bytecode_cache=kept, **options)
 
     @pass_context
     def picture(context: Any, shown: Picture) -> Markup:

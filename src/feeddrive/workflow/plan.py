@@ -17,8 +17,6 @@ from typing import TYPE_CHECKING
 
 from feeddrive.files.atomic_io import new_directory
 from feeddrive.files.machine import MachineFile, find_bundled, planned_kinematics, planned_limits, read_machine
-from feeddrive.files.part_program import SAME_OPTIONS, PartProgramSection
-from feeddrive.files.plan_files import PLAN, SETPOINTS, STREAMER, SetpointWriter, setpoint_files, write_plan
 from feeddrive.files.toml_file import quoted
 from feeddrive.language.block import defaults
 from feeddrive.language.errors import NoSlopeError, ParameterError
@@ -30,18 +28,17 @@ from feeddrive.language.threads import cores
 from feeddrive.path.geometry.weights import ROTARY
 from feeddrive.path.kinematics import Kinematics
 from feeddrive.path.limits import LETTERS, MachineLimits
-from feeddrive.path.plan_options import named_values, read_start, turning_of, turning_within
-from feeddrive.path.planned import Planned, Take, planned_of
+from feeddrive.path.program.blocks import open_program
 from feeddrive.path.program.budget import LONGEST, MOST_CPU, Budget, Spending
-from feeddrive.path.program.dialects import DIALECTS, DialectName
+from feeddrive.path.program.dialects import DIALECTS, FRONT_ENDS, DialectName, FrontEnd
 from feeddrive.path.program.moves import ORIENTATIONS, Begin, Ignored, Move, PathMode, ToolPoint
-from feeddrive.path.program.reading import FRONT_ENDS, FrontEnd, read_program
 from feeddrive.path.purpose import PURPOSES, read_dynamics, settings, with_tolerance
-from feeddrive.path.schedule.override import read_steps
-from feeddrive.path.setpoints import Samples, Setpoints, Standstill
 from feeddrive.workflow.command import OUT, Outcome, Request, argument, called, command, line, option
 
 if TYPE_CHECKING:
+    from feeddrive.files.plan_files import SetpointWriter
+    from feeddrive.path.planned import Planned, Take
+    from feeddrive.path.setpoints import Samples, Standstill
     from feeddrive.report.report import Report
 
 _SHOWN, _WATCHED = 0.2, 5.0  # s between two reports: on a terminal, and as lines (--watch)
@@ -173,7 +170,15 @@ def plan(request: PlanRequest, progress: Progress) -> Outcome[Planned]:
     ParameterError for a program in which nothing lasts: an empty file, or one without a motion and without a dwell.
     """
     program = find_bundled(request.program, "programs", ".ngc")
+    open_program(program, str(program)).close()
     machine = None if request.machine is None else read_machine(request.machine)
+    # imported late: a program or a machine that is not there is refused without the planner
+    from feeddrive.files.plan_files import setpoint_files, write_plan
+    from feeddrive.path.plan_options import turning_within
+    from feeddrive.path.planned import planned_of
+    from feeddrive.path.schedule.override import read_steps
+    from feeddrive.path.setpoints import Setpoints
+
     dynamics = None if request.dynamics is None else read_dynamics(request.dynamics)
     used = settings(request.purpose, request.tolerance, dynamics)
     limits = used.dynamics.of(planned_limits(machine, request.limits))
@@ -250,6 +255,8 @@ def _job(request: PlanRequest, program: Path, machine: MachineFile | None, plann
         path: Path | None = getattr(request, name)
         lines += [] if path is None else [f"{name} = {quoted(_found(path))}"]
     lines += [f"{name} = true" for name in ("tables_inch", "skip_deleted") if getattr(request, name)]
+    from feeddrive.files.part_program import SAME_OPTIONS, PartProgramSection
+
     usual = defaults(PartProgramSection)
     for name in SAME_OPTIONS:
         value = getattr(request, name)
@@ -308,6 +315,9 @@ def _moves(
     counts: Counts,
 ) -> Generator[Move]:
     """Yield the moves of the program, report the progress of reading, and count what the outcome names."""
+    from feeddrive.path.plan_options import named_values, read_start, turning_of
+    from feeddrive.path.program.reading import read_program
+
     front_end: FrontEnd = request.front_end  # type: ignore[assignment]
     dialect: DialectName = request.dialect  # type: ignore[assignment]
     moves = read_program(
@@ -375,13 +385,14 @@ def _counted(moves: Iterable[Move], counts: Counts) -> Iterator[Move]:
 
 
 def _lines_of(program: Path) -> int:
-    """Return the number of lines of a file; 0 if it is unreadable, which the reader of the program reports."""
-    with contextlib.suppress(OSError), program.open("rb") as file:
+    """Return the number of lines of a file."""
+    with program.open("rb") as file:
         return sum(block.count(b"\n") for block in iter(lambda: file.read(1 << 20), b"")) + 1
-    return 0
 
 
 def _outcome(planned: Planned, out: Path | None, machine: MachineFile | None, counts: Counts) -> Outcome[Planned]:
+    from feeddrive.files.plan_files import PLAN, SETPOINTS, STREAMER
+
     remarks = [
         f"{count} x {reason}" for reason, count in sorted(planned.stop_reasons.items(), key=lambda item: -item[1])
     ]

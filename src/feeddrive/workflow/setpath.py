@@ -59,8 +59,8 @@ from feeddrive.learning.set_path import ChangedReference, filtered_splines, zero
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import simulate
+from feeddrive.path.limits import DERIVATIVES
 from feeddrive.path.planned import Planned
-from feeddrive.path.proof import DERIVATIVES
 from feeddrive.report.page import html
 from feeddrive.report.report import Marked, Picture, Remarks, Report, Section, Verdict, facts
 from feeddrive.version import __version__

@@ -12,7 +12,6 @@ import atexit
 import ctypes
 import hashlib
 import linecache
-import re
 import struct
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -84,7 +83,7 @@ THOROUGH = Effort(
 _LONG = 0.25  # s in the quickly compiled code of a file, after which it is recompiled: about as long as that takes
 _KERNEL, _FAILURE = 10, 13  # bits of a status for the index of a kernel in its file, and of a failure in its kernel
 _ENTRY = "entry{}"
-_IDLE = re.compile(r"\s*(#.*)?$")  # lines on which the code does not depend
+BITCODE = Path(__file__).parent / "bitcode"
 # reentrant: the files of called kernels are compiled while that of the caller is
 _lock = RLock()
 
@@ -121,8 +120,7 @@ class Unit:
     def _content(self, source: Source) -> str:
         """Return a string of everything on which the LLVM text of a kernel depends."""
         named = [f"{name}={self._described(value)}" for name, value in sorted(source.named.items())]
-        code = source.python.__code__
-        return "\n".join([source.name, code.co_code.hex(), repr(source.signature), *named])
+        return "\n".join([source.name, repr(source.signature), *named])
 
     def _described(self, value: object) -> str:
         """Describe the value of a name in a kernel, as far as the LLVM text depends on it."""
@@ -282,7 +280,15 @@ class Unit:
             effort=effort.selection,
             passes=effort.passes,
             stored=stored,
+            prepared=self._prepared if effort is QUICK else None,
         )
+
+    def _prepared(self) -> bytes | None:
+        """Return the module as bitcode after the passes of QUICK, if `prepared.py` has made it."""
+        try:
+            return (BITCODE / f"{self.key}.bc").read_bytes()
+        except OSError:
+            return None
 
 
 _open: list[Source] = []  # kernels being printed: the chain of calls
@@ -361,7 +367,7 @@ def _kernels(source: Source) -> list[Source]:
 def _lines(file: str) -> str:
     """Return the text of a file without lines that contain only a comment."""
     linecache.checkcache(file)
-    return "".join(line for line in linecache.getlines(file) if not _IDLE.match(line))
+    return "".join(line for line in linecache.getlines(file) if line.lstrip()[:1] not in ("", "#"))
 
 
 @lru_cache(maxsize=1)
@@ -370,7 +376,8 @@ def _compiler() -> str:
     here = Path(__file__).parent
     # the folder above, too: `mathematics.py` and `ops.py` are traced into the code of kernels
     texts = [path.read_text(encoding="utf-8") for path in sorted([*here.glob("*.py"), *here.parent.glob("*.py")])]
-    return hashlib.sha256("\n".join([sys.version, *texts]).encode()).hexdigest()
+    # nothing else depends on the interpreter: bitcode that was prepared by another version of Python fits
+    return hashlib.sha256("\n".join([f"{_DATA}", *texts]).encode()).hexdigest()
 
 
 _FORMATS = {"float": "d", "int": "q", "bool": "q"}

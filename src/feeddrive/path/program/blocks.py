@@ -51,6 +51,20 @@ class BlockError(Exception):
         super().__init__(self.reason)
 
 
+def open_program(path: Path, name: str) -> BufferedReader:
+    """Open a part program. Raise FileError, with the name that the user knows, if it is no file that can be read."""
+    try:
+        if path.is_dir():
+            raise FileError(f"{name}: this is a folder, a part program is a file")
+        # a device such as /dev/zero would be read forever
+        if path.exists() and not path.is_file():
+            raise FileError(f"{name}: is a device or pipe, not a file; copy it to a file first")
+        # binary, since loops and calls return to a position in bytes
+        return path.open("rb")
+    except OSError as error:
+        raise FileError(f"{name}: cannot be read: {error.strerror or error}") from None
+
+
 class LineReader:
     """A reader of the lines of a file that can return to an earlier position."""
 
@@ -65,16 +79,7 @@ class LineReader:
         self.furthest = 0
 
     def _open(self) -> BufferedReader:
-        try:
-            if self._path.is_dir():
-                raise FileError(f"{self.name}: this is a folder, a part program is a file")
-            # a device such as /dev/zero would be read forever
-            if self._path.exists() and not self._path.is_file():
-                raise FileError(f"{self.name}: is a device or pipe, not a file; copy it to a file first")
-            # binary, since loops and calls return to a position in bytes
-            return self._path.open("rb")
-        except OSError as error:
-            raise FileError(f"{self.name}: cannot be read: {error.strerror or error}") from None
+        return open_program(self._path, self.name)
 
     @property
     def place(self) -> Place:

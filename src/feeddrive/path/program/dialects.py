@@ -10,11 +10,14 @@ A rewritten line keeps its columns where it can.  A code that a dialect does not
 
 import re
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 from feeddrive.path.program.blocks import BlockError
 
 DialectName = Literal["linuxcnc", "grbl", "marlin", "siemens"]
+FrontEnd = Literal["auto", "own", "rs274"]
+FRONT_ENDS: tuple[FrontEnd, ...] = get_args(FrontEnd)
+"""The readers of programs: `own`, or LinuxCNC's `rs274`; `auto` takes the one that fits."""
 
 
 class Rewritten(NamedTuple):

@@ -14,6 +14,7 @@ from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity
 from feeddrive.language.text import Text
 from feeddrive.path.kinematics import Kinematics
+from feeddrive.path.limits import FARTHEST
 from feeddrive.path.orientation import MOST_WOUND, leaves_arc
 from feeddrive.path.program import moves
 from feeddrive.path.program.blocks import AXES, BlockError, Line, located
@@ -24,8 +25,6 @@ from feeddrive.path.program.state import LINEAR, rotated
 
 Travel = Mapping[str, tuple[float, float] | None]
 """The travel by axis letter: lowest and highest coordinate (m, rad), or None for an axis without travel limits."""
-FARTHEST = 1e6
-"""The largest magnitude of a coordinate, m or rad."""
 ROUNDING = 1e-9
 """The distance by which a coordinate may exceed the travel, m or rad: the rounding of 15 digits at `FARTHEST`."""
 

@@ -16,7 +16,6 @@ from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
 from math import degrees
 from pathlib import Path
-from typing import Literal, get_args
 
 from feeddrive.language.errors import MissingProgramError, ParameterError, ProgramError, plain
 from feeddrive.language.quantity import Quantity
@@ -26,13 +25,12 @@ from feeddrive.path.program import blocks
 from feeddrive.path.program.aiming import BY_AXES, Turning
 from feeddrive.path.program.blocks import BlockError, Line, LineReader, Place
 from feeddrive.path.program.budget import MOST_AGAIN, check_lines
-from feeddrive.path.program.dialects import DialectName
+from feeddrive.path.program.dialects import DialectName, FrontEnd
 from feeddrive.path.program.execution import Setting
 from feeddrive.path.program.frame import Frame, Travel
 from feeddrive.path.program.interpreter import Interpreter
 from feeddrive.path.program.moves import Begin, Command, Move, Point, read_command
 from feeddrive.path.program.resume import resumed
-from feeddrive.path.program.siemens import SiemensInterpreter
 from feeddrive.path.program.state import G92, G92_ON, HOME_1, HOME_2, INCH, LINEAR, SYSTEM, SYSTEMS, Tool, read_tools
 
 PROGRAM, PACKAGE = "rs274", "linuxcnc-uspace"
@@ -302,8 +300,6 @@ def _refused(source: _Source, line: Line, complaint: str, code: int, no_tools: b
     return ProgramError(line.file, line.number, column, word, f"{PROGRAM} refuses it: {reason}")
 
 
-FrontEnd = Literal["auto", "own", "rs274"]
-FRONT_ENDS: tuple[FrontEnd, ...] = get_args(FrontEnd)
 """The readers of a program."""
 
 
@@ -423,5 +419,8 @@ def read_commands(
         table, numbered, tables_inch, skip_deleted, most_again, parameters or {}, kinematics, stands, from_line, turning
     )
     if dialect == "siemens":
+        # imported late: another language, with an interpreter of its own
+        from feeddrive.path.program.siemens import SiemensInterpreter
+
         return SiemensInterpreter(path, setting).commands()
     return Interpreter(path, setting, dialect).commands()

@@ -17,6 +17,7 @@ import numpy as np
 from feeddrive.language.kernels.kernel import kernel
 from feeddrive.language.kernels.source import Floats, Ints, Records, by_field, layout_of, rows_for
 from feeddrive.language.threads import in_order
+from feeddrive.path.limits import DERIVATIVES
 from feeddrive.path.motion import (
     LINE,
     Derivatives,
@@ -33,7 +34,7 @@ from feeddrive.path.motion import (
     slowed,
     way,
 )
-from feeddrive.path.proof import DERIVATIVES, Broken, faults_of
+from feeddrive.path.proof import Broken, faults_of
 from feeddrive.path.schedule import spline
 from feeddrive.path.schedule.ramp import Slopes
 from feeddrive.path.schedule.spline import Basis, Forces, Points, Rates, Reached, Room, State, Steepness, reserve_factor
