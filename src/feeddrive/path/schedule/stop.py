@@ -19,6 +19,8 @@ _SPANS = 24  # least number of spans
 _MOST = 96  # largest one
 _A_PHASE = 1.0  # number of spans in the time j/s of the axes
 _HARD = 1.4  # ratio of T and the time on a straight path, above which spans are half as long
+# share of the fall of the utilization that a longer T promises, below which they are half as long, too
+_STUCK = 0.3
 _FINER = 1.25  # smallest factor by which their number grows with T
 _PARTS = (0.0, 0.5, 1.0)  # of a span: the points; there are more where the proof fails
 _AIM = 0.996  # utilization of the limits there
@@ -258,17 +260,21 @@ def quickest_stop(
 
     # longer and longer, each begun with the last one: the path taken changes little
     low, snaps, use = 0.0, np.zeros(0), np.inf
+    hard = False
     while longest > lasts:
-        # where a stop takes much longer than on a straight path, the path turns faster than such spans can follow
-        hard = lasts > _HARD * straight.duration.sum()
+        # where a stop takes much longer than on a straight path, or where more time does not help, the path turns
+        # faster than such spans can follow
+        hard = hard or lasts > _HARD * straight.duration.sum()
         n = int((2.0 if hard else 1.0) * _A_PHASE * lasts / np.max(jerk / snap))
         n = min(max(_SPANS, n), _MOST)
         if n > _FINER * len(aims):
             aims, points = np.full((n, *limits.shape), _AIM), _points(n)
             snaps = _regridded(snaps, n) if len(snaps) else _shape(straight, n, lasts, unit)
-        _, snaps, use = at(lasts, snaps)
+        before, (_, snaps, use) = use, at(lasts, snaps)
         if use <= 1.0:
             break
+        promised = before * (low / lasts) ** (1.0 / _POWER) if low else 0.0
+        hard = hard or (low > 0.0 and before - use < _STUCK * (before - promised))
         longer = min(max(use**_POWER, _LITTLE), _MUCH)
         low, lasts, snaps = lasts, longer * lasts, snaps / longer**3
     if use > 1.0:
