@@ -718,7 +718,8 @@ def _arc(move: Arc, start: list[float], way: list[float], columns: Sequence[int]
     """Return the length and shape of an arc, as in `Pieces`."""
     angle = move.angle
     first, second = (columns.index(axis) for axis in move.axes[:2])
-    x, y = start[first] - move.center[0], start[second] - move.center[1]
+    center_first, center_second = move.center
+    x, y = start[first] - center_first, start[second] - center_second
     sense = math.copysign(1.0, angle)
     E1, E2 = [0.0] * len(columns), [0.0] * len(columns)
     E1[first], E1[second] = x, y

@@ -711,19 +711,13 @@ def _slower(state: State, factor: float) -> State:
 
 
 def divided(motion: Motion, m: int, t: float, length: np.ndarray) -> Motion:
-    """Split time interval m after the time t, on a path with pieces of the given lengths."""
-    T, x, v, a, j, s = (float(column[m]) for column in (motion.duration, *motion[2:]))
-    p = int(motion.piece[m])
-    there = x + way.python(v, a, j, s, t)
-    while there > length[p] and p + 1 < len(length):
-        there -= float(length[p])
-        p += 1
-    first = t, motion.piece[m], x, v, a, j, s
-    second = T - t, p, there, cubic.python(v, a, j, s, t), a + t * (j + 0.5 * t * s), j + t * s, s
-    halves = zip(motion, zip(first, second, strict=True), strict=True)
-    return Motion._make(
-        [np.concatenate([column[:m], two, column[m + 1 :]]).astype(column.dtype) for column, two in halves]
-    )
+    """Return a motion whose time interval m is split after the time t, as by `split`."""
+    count = len(motion.duration)
+    out = _unset_motion(count + 1)
+    for column, given in zip(out, motion, strict=True):
+        column[:count] = given
+    split(out, count, m, t, length)
+    return out
 
 
 def _after(hand: Part, part: Part) -> Part:
