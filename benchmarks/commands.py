@@ -85,9 +85,9 @@ def main() -> None:
             (folder / "run.csv").write_text("t [ms],x_cmd_mm,x_fb_mm\n" + "".join(rows), encoding="utf-8")
         heads = ["command", *(["before"] if len(sources) > 1 else []), "now"]
         print(f"| {' | '.join(heads)} |\n|---{'|--:' * len(sources)}|")
-        for text in ("import", *COMMANDS):
+        for text in [str(each) for each in ("import", *COMMANDS)]:
             if asked.only in text:
-                took = measured(text.split(), sources, folders, asked.repeats)
+                took = measured([*text.split()], sources, folders, asked.repeats)
                 cells = [f"{min(times):.2f} ({median(times):.2f})" for times in took]
                 print(f"| `{text}` | {' | '.join(cells)} |", flush=True)
 
