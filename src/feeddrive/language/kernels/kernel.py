@@ -13,7 +13,6 @@ import ctypes
 import hashlib
 import linecache
 import struct
-import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -377,7 +376,7 @@ def _compiler() -> str:
     # the folder above, too: `mathematics.py` and `ops.py` are traced into the code of kernels
     texts = [path.read_text(encoding="utf-8") for path in sorted([*here.glob("*.py"), *here.parent.glob("*.py")])]
     # nothing else depends on the interpreter: bitcode that was prepared by another version of Python fits
-    return hashlib.sha256("\n".join([f"{_DATA}", *texts]).encode()).hexdigest()
+    return hashlib.sha256("\n".join([f"{DATA}", *texts]).encode()).hexdigest()
 
 
 _FORMATS = {"float": "d", "int": "q", "bool": "q"}
