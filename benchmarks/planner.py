@@ -290,10 +290,7 @@ if __name__ == "__main__":
     elif asked.start:
         start()
     else:
-        if asked.file:
-            programs = {f"{asked.file.name}, repeated": repeated(asked.file, 5000)}
-        else:
-            programs = usual(asked.blocks)
+        programs = {f"{asked.file.name}, repeated": repeated(asked.file, 5000)} if asked.file else usual(asked.blocks)
         if asked.threads > 1:
             head = f"on {asked.threads}"
             columns = ["on 1 thread", head, "ratio", "CPU, s", f"CPU {head}, s", "of the calling thread, s", "load"]
