@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from feeddrive.files.machine import BUNDLED, MachineFile
 from feeddrive.files.toml_file import quoted
@@ -47,7 +48,7 @@ class Prove(Room):
         bench = self.desk.bench
         axes = [] if bench is None or bench.machine is None else list(bench.machine.loops)
         programs = [*_bundled(None if bench is None else bench.machine), *self.desk.programs]
-        words = {
+        words: dict[str, Any] = {
             "ready": bool(axes),
             "axes": axes,
             "programs": programs,
