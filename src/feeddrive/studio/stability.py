@@ -174,6 +174,6 @@ def _files(request: CertifyRequest) -> list[dict[str, Any]]:
         content = (request.out / source).read_bytes()
         with written_whole(request.out.with_name(name)) as path:
             Path(path).write_bytes(content)
-        kind = "json" if name.endswith(".json") else "html, opens offline"
+        kind = "json" if name.endswith(".json") else "html"
         found.append({"title": title, "name": name, "kind": f"{kind}, {max(1, round(len(content) / 1000))} kB"})
     return found
