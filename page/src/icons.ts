@@ -22,6 +22,9 @@ export const ICONS = {
   close: "M10 3l8 14H2zM10 8.500v3.500M10 14.500v.01",
   broken: "M10 1.500L18.500 10 10 18.500 1.500 10zM7.500 7.500l5 5M12.500 7.500l-5 5",
   free: "M6 10h8",
+  running: "M10 3a7 7 0 1 1-7 7M10 6v4l3 2",
+  waiting: "M5 3h10M5 17h10M6 3c0 4 8 10 8 14M14 3c0 4-8 10-8 14",
+  find: "M8.500 3a5.500 5.500 0 1 0 .01 0zM12.500 12.500L17 17",
 } as const;
 export type Icon = keyof typeof ICONS;
 

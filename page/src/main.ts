@@ -1,7 +1,6 @@
 // The page: its views in a rail, each with an address of its own, what went wrong, and the work that runs.
 
 import { icon, type Icon } from "./icons";
-import { JobBar } from "./job";
 import { paint } from "./pictures/look";
 import { button, make } from "./parts";
 import { showAll, whenZoomed } from "./pictures/picture";
@@ -15,22 +14,23 @@ import { Prove } from "./rooms/prove";
 import { Scope } from "./rooms/scope";
 import { Take } from "./rooms/take";
 import { Tune } from "./rooms/tune";
-import { Talk } from "./talk";
+import { letters, Search } from "./search";
+import { Talk, type Lost } from "./talk";
 import { Tour, type Step } from "./tour";
 import type { Received } from "./wire";
+import { seconds, Works } from "./works";
 
 const talk: Talk = new Talk(
   heard,
   () => {
+    if (off?.doubtful) fail(`The connection broke while ${off.doubtful} was under way: look whether it was done.`);
+    off = null;
     lost.hidden = true;
+    document.documentElement.toggleAttribute("data-lost", false);
     talk.ask({ do: "bring.show" });
     if (open) talk.ask({ do: `${open}.show` });
   },
-  (ended) => {
-    const why = "The server has ended: start feeddrive studio again and open its new address.";
-    lost_words.textContent = ended ? why : "The connection to the server was lost. It is tried again.";
-    lost.hidden = false;
-  },
+  disconnected,
 );
 const ask = (request: Request) => talk.ask(request);
 const tune = new Tune(ask);
@@ -41,22 +41,37 @@ const rooms: Room[] = [
   tune,
   ...[Goal, Compare, Prove, Take].map((Kind) => new Kind(ask)),
 ];
-const job = new JobBar(ask);
+const titles = new Map(rooms.map((each) => [each.name, each.title]));
+const works = new Works(ask, titles, (view, drawing, words) => {
+  const shape = tabs.get(view)?.shape;
+  if (!shape || shape.dataset.words === words) return;
+  shape.dataset.words = words;
+  shape.replaceChildren(...(drawing ? [icon(drawing, { role: "img", "aria-label": words })] : []));
+  shape.title = words;
+});
+const search = new Search(ask, titles, go);
 const tour = new Tour(ask, go);
 const error = make("p", { id: "error", role: "alert", hidden: "" });
 const lost_words = make("span", { role: "alert" });
+const lost_time = make("span", { "aria-hidden": "true" }); // each second: seen, and not read aloud
 const lost = make(
   "p",
   { id: "lost", hidden: "" },
-  lost_words,
   button("Load again", () => location.reload()),
+  lost_words,
+  lost_time,
 );
+const others = make("span", { id: "pages", class: "unit", hidden: "" }, "2 pages");
 const title = document.getElementById("title")!;
-const tabs = new Map<string, { room: Room; tab: HTMLButtonElement; panel: HTMLElement }>();
+const tabs = new Map<string, { room: Room; tab: HTMLButtonElement; panel: HTMLElement; shape: HTMLElement }>();
 const LOOK = "feeddrive look";
 let epoch = -1;
 let open = "";
 let began = false;
+const LONG = 6000; // ms without a server after which it is said what to do
+let unkept = "";
+let off: Lost | null = null; // the connection
+let behind = false; // another page has changed something
 
 const ICONS: Record<string, Icon> = { bring: "import", goal: "goal", take: "take" }; // others are called as their view
 const list = make("div", { role: "tablist", "aria-label": "Views", "aria-orientation": "vertical", id: "tabs" });
@@ -67,13 +82,14 @@ rooms.forEach((room, i) => {
     title: `${room.title} (${i + 1})`,
     "aria-controls": `room-${room.name}`,
   });
-  tab.append(icon(ICONS[room.name] ?? (room.name as Icon)), make("span", {}, room.title));
+  const shape = make("span", { class: "mark" });
+  tab.append(icon(ICONS[room.name] ?? (room.name as Icon)), make("span", {}, room.title), shape);
   const panel = make(
     "section",
     { role: "tabpanel", id: `room-${room.name}`, "aria-labelledby": tab.id, hidden: "" },
     room.element,
   );
-  tabs.set(room.name, { room, tab, panel });
+  tabs.set(room.name, { room, tab, panel, shape });
   list.append(tab);
 });
 list.addEventListener("keydown", (event) => {
@@ -86,9 +102,39 @@ list.addEventListener("keydown", (event) => {
   tabs.get(next.name)!.tab.focus();
 });
 document.addEventListener("keydown", (event) => {
+  const held = event.ctrlKey || event.metaKey;
+  const act = (what: () => void) => {
+    event.preventDefault();
+    what();
+  };
+  if (held && event.key.toLowerCase() === "k") return act(() => search.open());
+  if (search.element.open) return;
+  if (held && event.key === "Enter") return act(() => main()?.click());
+  if (event.key === "Escape" && !event.defaultPrevented) return leave(event);
   const room = rooms[Number(event.key) - 1];
   const field = event.target instanceof HTMLElement && event.target.closest("input, select, textarea, [contenteditable]");
-  if (room && !field && !event.ctrlKey && !event.metaKey && !event.altKey) go(room.name);
+  if (room && letters() && !field && !held && !event.altKey) go(room.name);
+});
+
+// The filled button of the view that is open: there is one at most.
+function main(): HTMLButtonElement | undefined {
+  const filled = [...document.querySelectorAll<HTMLButtonElement>(`#room-${open} button.main`)];
+  return filled.find((each) => each.getClientRects().length > 0 && !each.disabled);
+}
+
+// Escape leaves a field as it was, closes what is open or, in the view of a job, cancels it.
+function leave(event: KeyboardEvent): void {
+  const at = event.target;
+  const typed = at instanceof HTMLInputElement && at.dataset.before !== undefined && at.value !== at.dataset.before;
+  if (typed) {
+    at.value = at.dataset.before!;
+    at.dispatchEvent(new Event("escaped", { bubbles: true }));
+    at.select();
+  } else if (works.fold()) return;
+  else if (!(at instanceof HTMLInputElement) && works.runs && !works.element.hidden) ask({ do: "job.cancel" });
+}
+document.addEventListener("focusin", ({ target }) => {
+  if (target instanceof HTMLInputElement && target.type === "text") target.dataset.before = target.value;
 });
 const look = button("", dark, {
   id: "dark",
@@ -101,14 +147,17 @@ look.append(icon("dark"));
 const logo = make("span", { class: "logo" });
 logo.append(icon("logo", { role: "img", "aria-label": "feeddrive" }));
 document.querySelector("header")!.prepend(logo);
-document.querySelector("header")!.append(tune.bar, look);
+const find = button("", () => search.open(), { id: "find", class: "tool", "aria-label": "Search", title: "Search (Ctrl+K)" });
+find.append(icon("find"));
+document.querySelector("header")!.append(others, works.bar, tune.bar, find, look);
 document.querySelector("nav")!.append(list);
 document.querySelector("main")!.append(
-  lost,
+  works.list,
   tour.element,
   // over the lower edge of the window: what a person works at must not move when a job begins or a value is refused
-  make("div", { id: "notices" }, error, job.element),
-  job.spoken,
+  make("div", { id: "notices" }, lost, error, works.element),
+  works.spoken,
+  search.element,
   ...[...tabs.values()].map(({ panel }) => panel),
 );
 // Back, forward and a bookmark.
@@ -136,6 +185,7 @@ function show(name: string): void {
     panel.hidden = each !== name;
   }
   fail("");
+  works.at(name);
   tabs.get(name)!.room.shown?.();
   ask({ do: `${name}.show` });
 }
@@ -147,7 +197,11 @@ document.addEventListener("go", (event) => go((event as CustomEvent<string>).det
 
 function heard(received: Received, shows: boolean): void {
   const { said } = received;
-  job.show(said.job);
+  works.show(said.job, said.work);
+  if (said.work) together(said.work.pages, said.work.lost);
+  if (said.changed) behind = true;
+  if (said.room === "search" && !said.error) return search.heard(received);
+  if (typeof said.go === "string" && !said.room) go(said.go);
   if (said.job) for (const each of rooms) each.worked?.(said.job);
   title.textContent = said.title || "feeddrive";
   if (said.error) fail(said.error);
@@ -167,7 +221,40 @@ function heard(received: Received, shows: boolean): void {
     if (target !== "bring" || open === "") go(target);
   } else if (other && said.room !== open) ask({ do: `${open}.show` });
   tour.heard((said.tour as Step | null | undefined) ?? null);
+  // what another page changed, once nothing of this one is under way
+  if (behind && talk.rests && began) {
+    behind = false;
+    ask({ do: `${open}.show` });
+  }
 }
+
+// Other pages that show the same work, and what of it could not be kept.
+function together(pages: number, gone: string[]): void {
+  others.hidden = pages < 2;
+  others.textContent = `${pages} pages`;
+  others.title = "This work is open in another page, too: what one changes shows on the other, and Undo takes back the last step of either.";
+  const words = gone.join(" ");
+  if (words && words !== unkept) fail(words);
+  unkept = words;
+}
+
+function disconnected(now: Lost): void {
+  off = now;
+  lost.hidden = false;
+  document.documentElement.toggleAttribute("data-lost", true);
+  const long = performance.now() - now.since > LONG;
+  const stranger =
+    "The server was started anew and does not know this browser: open the address that it printed; your work is found there.";
+  const again = "If the server has ended, start feeddrive studio again with the same folder: this page goes on by itself.";
+  const kept = now.waiting ? ` ${now.waiting} change${now.waiting > 1 ? "s" : ""} will be sent.` : "";
+  const words = now.stranger ? stranger : `Disconnected, trying again. What you type stays.${kept}${long ? ` ${again}` : ""}`;
+  if (lost_words.textContent !== words) lost_words.textContent = words;
+}
+setInterval(() => {
+  if (!off) return;
+  lost_time.textContent = ` ${seconds((performance.now() - off.since) / 1000)}`;
+  disconnected(off);
+}, 1000);
 
 function fail(words: string): void {
   error.textContent = words;

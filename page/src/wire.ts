@@ -112,6 +112,22 @@ export interface Job {
   error: string;
   seconds: number;
   question: Question | null;
+  left: number | null; // s of the step that is counted, extrapolated
+}
+export interface Task {
+  number: number;
+  room: string;
+  what: string;
+  moves: boolean; // an axis
+}
+// The jobs of the session, how the last one of each view ended, and the pages that show it.
+export interface Work {
+  queue: Task[];
+  broken_off: Task[]; // by the end of the server
+  marks: Record<string, "running" | "waiting" | "done" | "failed" | "canceled">;
+  failures: Record<string, string>;
+  pages: number;
+  lost: string[]; // what could not be kept, or not be found again
 }
 // What a room says stands beside these, under the names that its file on the server gives.
 export interface Message {
@@ -120,6 +136,8 @@ export interface Message {
   room?: string;
   epoch?: number;
   job?: Job;
+  work?: Work;
+  changed?: boolean; // by another page of this session
   error?: string;
   title?: string;
   knobs?: Knob[];

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import struct
 import time
 from functools import partial
 from pathlib import Path
@@ -47,6 +49,12 @@ def reporting(progress: Progress) -> None:
         progress.better(cost, "a control")
 
 
+def asked(session: Session, do: str, **more: Any) -> dict[str, Any]:
+    answer = session.answer({"number": 1, "do": do, **more})
+    (length,) = struct.unpack_from("<I", answer)
+    return json.loads(answer[4 : 4 + length])
+
+
 @pytest.fixture
 def session(tmp_path: Path) -> Session:
     return Session(tmp_path)
@@ -76,16 +84,28 @@ def test_what_work_finds_on_its_way_reaches_its_room(session: Session) -> None:
     assert met == [Found(3.0, "a control"), Found(1.0, "a control")]
 
 
-def test_another_work_has_to_wait_and_a_cancel_makes_room(session: Session) -> None:
-    session.desk.start("goal", "the first work", endless, lambda _: None)
+def test_other_works_wait_in_an_order_that_can_be_changed_and_a_cancel_makes_room(session: Session) -> None:
+    desk, ended = session.desk, list[str]()
+    desk.start("goal", "the first work", endless, lambda _: None)
+    for name in ("second", "third", "fourth"):
+        desk.start("goal", name, partial(counted, 1), lambda _, name=name: ended.append(name))
+    first = desk.job
+    assert first is not None
+    second, third, fourth = desk.queue
     with pytest.raises(ParameterError, match="the first work is running: wait for its end, or cancel it"):
-        session.desk.start("goal", "the second", endless, lambda _: None)
-    job = session.desk.job
-    assert job is not None
+        desk.start("commission", "a motion", endless, lambda _: None, patience=1.0)  # nobody may stand there later
+    session.answer({"number": 1, "do": "job.sooner", "task": fourth.number})
+    session.answer({"number": 1, "do": "job.remove", "task": second.number})
+    assert desk.queue == [fourth, third]
+    said = asked(session, "job.sooner", task=second.number)
+    assert "does not wait any more" in said["error"]
     session.answer({"number": 1, "do": "job.cancel"})
-    job.join(30.0)
-    assert job.state.state == CANCELLED
-    assert run(session, partial(counted, 1))[1] == [1]
+    first.join(30.0)
+    assert first.state.state == CANCELLED
+    begun = time.monotonic()
+    while not desk.is_free and time.monotonic() - begun < 60.0:
+        time.sleep(0.02)
+    assert ended == ["fourth", "third"]
 
 
 def test_work_that_does_not_listen_is_ended(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,7 +40,7 @@ def read(answer: bytes) -> tuple[dict[str, Any], np.ndarray]:
 def test_two_hundred_steps_can_be_undone() -> None:
     for steps, oldest in ((150, 0), (250, 50)):
         counted = iter(range(steps))
-        desk = Stand(undo=[], redo=[], held=lambda counted=counted: next(counted))
+        desk = Stand(undo=[], redo=[], held=lambda counted=counted: next(counted), author=None, _by={})
         for _ in range(steps):
             Desk._remember(desk)  # type: ignore[arg-type]
         assert (desk.undo[0], desk.undo[-1]) == (oldest, steps - 1)
@@ -191,11 +191,11 @@ def test_a_page_looks_at_fifty_parts(others: int, held: bool, tmp_path: Path) ->
     session = Session(tmp_path)
     for i in range(others + 1):
         session._view("window", Asked({"shows": "tune", "label": f"part {i}", "low": 0.0, "high": 1.0}))
-    assert (("tune", "part 0") in session._windows) is held
+    assert ((None, "tune", "part 0") in session._windows) is held
 
 
 def test_sixty_four_pages_are_open_at_once() -> None:
-    sessions = Sessions(lambda: Stand(heard=True))  # type: ignore[arg-type,return-value]
+    sessions = Sessions(lambda _: Stand(heard=True))  # type: ignore[arg-type,return-value]
     for i in range(60):
         sessions.named(f"page {i}")
     with pytest.raises(ParameterError, match="64 pages are open"):
@@ -203,7 +203,7 @@ def test_sixty_four_pages_are_open_at_once() -> None:
 
 
 def test_a_name_of_a_page_counts_up_to_its_64th_character() -> None:
-    sessions = Sessions(lambda: Stand(heard=True))  # type: ignore[arg-type,return-value]
+    sessions = Sessions(lambda _: Stand(heard=True))  # type: ignore[arg-type,return-value]
     assert sessions.named("x" * 50 + "a") is not sessions.named("x" * 50 + "b")
     assert sessions.named("x" * 80 + "a") is sessions.named("x" * 80 + "b")
 

@@ -17,6 +17,7 @@ export class Field {
   constructor(label: string, size: string, changed: () => void, decimal = false) {
     this.input = make("input", { type: "text", size, "aria-label": label, ...(decimal ? { inputmode: "decimal" } : {}) });
     this.input.addEventListener("input", () => (this.dirty = true));
+    this.input.addEventListener("escaped", () => (this.dirty = false));
     this.input.addEventListener("change", () => {
       this.dirty = false;
       changed();

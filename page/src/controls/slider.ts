@@ -29,6 +29,7 @@ export function follow(
     moved(at(Math.min(most, Math.max(0, Number(slider.value) + STEP * way))), !event.repeat); // a held key is one step to undo
   });
   field.addEventListener("input", () => (field.dataset.typed = "yes")); // what is being typed is not written over
+  field.addEventListener("escaped", () => delete field.dataset.typed);
   field.addEventListener("change", () => {
     delete field.dataset.typed;
     const typed = Number(field.value.replace(",", "."));

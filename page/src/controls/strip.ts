@@ -79,6 +79,13 @@ export class Strip {
     this.field.select();
   }
 
+  // The limit that decides: the one that is used up most.
+  first(): void {
+    const limited = this.gauges.filter((each) => each.option);
+    const most = limited.reduce((one, each) => (each.used > one.used ? each : one), limited[0]!);
+    if (most) this.edit(most);
+  }
+
   private made(gauge: Gauge): HTMLElement {
     const made = button("", () => this.edit(this.gauges.find((each) => each.key === gauge.key)!), {
       class: "gauge",

@@ -14,6 +14,7 @@ import { near } from "../pictures/curve";
 import { look, whenPainted } from "../pictures/look";
 import { Picture } from "../pictures/picture";
 import type { Ask, Room } from "../room";
+import { letters } from "../search";
 import type { Received } from "../wire";
 
 const TOP = ["open_loop", "nyquist"]; // the first row; all others stand below
@@ -266,11 +267,12 @@ export class Tune implements Room {
       return;
     }
     const field = event.target instanceof HTMLElement && event.target.closest("input, select, textarea, [contenteditable]");
-    if (event.altKey || field) return;
+    if (event.altKey || field || !letters() || document.querySelector("dialog[open]")) return;
     if (LETTERS.includes(letter)) {
       if (event.shiftKey) act(() => this.ask({ do: "tune.keep", letter }));
       else if (this.snapshots.has(letter)) act(() => this.snapshots.toggle(letter));
     } else if (letter === "T") act(() => this.snapshots.toggle("today"));
+    else if (letter === "L") act(() => this.strip.first());
     else if (letter === "N") act(() => this.ask({ do: "tune.add", kind: "notch", at: this.cursor }));
   }
 

@@ -42,6 +42,36 @@ _SIGNALS = ("following_error", "force")
 _REST = ("tracking_error", "force")  # of the rope snap
 
 
+@dataclass(frozen=True)
+class Opened:
+    """How the bench of a source was made, so that it can be made again; the fields are those of `Bench`."""
+
+    sources: Sources
+    axis: str
+    from_machine: bool
+    file: str | Path
+    friction: FrictionMap | None = None
+
+
+def opened_again(opened: Opened) -> "Bench":
+    """Return the bench of a source that was opened before. Raises the errors of `bench_of` and `bench_of_responses`."""
+    given = opened.sources
+    if opened.from_machine:
+        bench = bench_of(given.source, opened.axis, at=given.at)
+    else:
+        bench = bench_of_responses(
+            given.source,
+            at=given.at,
+            motor=next(iter(given.motor), None),
+            baseline=opened.file or None,
+            axis=opened.axis or None,
+            unit=given.unit,
+            sample_time=given.sample_time,
+            delay=given.delay,
+        )
+    return replace(bench, friction=opened.friction)
+
+
 @dataclass(frozen=True, eq=False)
 class Bench:
     """The axis tuned on a page, with its controllers and models.
@@ -78,6 +108,11 @@ class Bench:
     def with_control(self, control: Control) -> Self:
         """Return the same axis with another initial controller and the same reference controller."""
         return replace(self, by_hand=ByHand(control, self.by_hand.points, self.by_hand.limits), today=self.before)
+
+    @cached_property
+    def opened(self) -> Opened:
+        """How this bench was made."""
+        return Opened(self.sources, self.axis, self.from_machine, self.file, self.friction)
 
     @property
     def loop(self) -> Loop | None:

@@ -6,16 +6,20 @@ Therefore the browser opens a redirect page, which contains the token and which 
 
 from __future__ import annotations
 
+import json
 import os
+import secrets
 import select
 import shutil
 import socket
 import sys
 import tempfile
 import threading
+import time
 import webbrowser
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
 from html import escape
 from pathlib import Path
 
@@ -34,6 +38,7 @@ from feeddrive.studio.live import Followable, stop_all
 from feeddrive.studio.protection import OPTION, STANDARD_INPUT, Door, read_password
 from feeddrive.studio.rooms.tune import Tune
 from feeddrive.studio.server import PAGE, make_app, serve
+from feeddrive.studio.stored import write_all
 from feeddrive.workflow.command import Outcome, Request, argument, command, option
 from feeddrive.workflow.follow import PIPE, check_followed
 from feeddrive.workflow.tune_sources import machine_of
@@ -43,6 +48,9 @@ _REDIRECT = """<!doctype html><html lang="en"><meta charset="utf-8"><title>feedd
 <p><a href="{address}">feeddrive studio</a></p></html>
 """
 _OFTEN = 0.5  # s
+_DOOR = ".door.json"  # in the folder of the pages
+_SAME_DOOR = 43_200.0  # s for which a cookie is used by servers that begin
+_SECRET = 32  # characters of a cookie
 
 
 def write_redirect(address: str, places: Iterable[str | Path | None]) -> list[Path]:
@@ -205,9 +213,63 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
         )
     if bench is not None:
         _prepare(bench, request.folder)
-    with writable(request.folder), listening(request.host, request.port) as at:
-        serve_at(at, request, password, bench, brought, progress)
+    closed = not password and is_loopback(request.host)
+    with writable(request.folder):
+        at, secret = same_door(request) if closed else (listening(request.host, request.port), "")
+        with at:
+            serve_at(at, request, password, bench, brought, progress, secret)
     return Outcome(bench)
+
+
+@dataclass(frozen=True)
+class _LastDoor:
+    """Where the last server of a folder listened, and the cookie of its pages.
+
+    since  time at which the cookie was made, s since 1970
+    """
+
+    port: int
+    secret: str
+    since: float
+
+
+def same_door(request: StudioRequest) -> tuple[socket.socket, str]:
+    """Return a listening socket and the value of the cookie: those of the last server in this folder where possible.
+
+    Pages that are still open when a server has ended then come back by themselves once it is started again. The value
+    of the cookie is kept in a file that only this user can read, and is used for 12 hours.
+    """
+    path = request.folder / _DOOR
+    last = _last_door(path)
+    if last is not None and request.port in (0, last.port):
+        try:
+            return listening(request.host, last.port), last.secret
+        except ParameterError:
+            if request.port:
+                raise
+            # another server of this folder is running: its pages keep their door
+            return listening(request.host, 0), ""
+    at = listening(request.host, request.port)
+    fresh = _LastDoor(at.getsockname()[1], secrets.token_urlsafe(24), time.time())
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
+        # private from the first moment, and never a file that somebody else has put there
+        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+            if _private(path):
+                json.dump(asdict(fresh), file)
+    return at, fresh.secret
+
+
+def _last_door(path: Path) -> _LastDoor | None:
+    """Read where the last server listened; None if nobody can tell, others could read it, or it is too long ago."""
+    try:
+        if path.is_symlink() or not _private(path):
+            return None
+        last = _LastDoor(**json.loads(path.read_text(encoding="utf-8")))
+        valid = isinstance(last.port, int) and isinstance(last.secret, str) and len(last.secret) >= _SECRET
+        return last if valid and 0.0 <= time.time() - last.since <= _SAME_DOOR else None
+    except (OSError, ValueError, TypeError):
+        return None
 
 
 @contextmanager
@@ -265,14 +327,18 @@ def serve_at(
     bench: Bench | None,
     brought: tuple[Path, ...],
     progress: Progress,
+    secret: str = "",
 ) -> None:
-    """Serve the page at a socket until Ctrl-C, which also ends the jobs of all pages."""
+    """Serve the page at a socket until Ctrl-C, which also ends the jobs of all pages.
+
+    secret  value of the cookie; empty: a new one
+    """
     port = at.getsockname()[1]
     named = f"[{request.host}]" if ":" in request.host else request.host
     every = port if request.host in _EVERY else None
     hosts = tuple(f"{host_name}:{port}" for host_name in (named, "localhost", socket.gethostname()))
     # the name of the machine in the network is accepted only if others may connect
-    door = Door(hosts if password else hosts[:2], password, every)
+    door = Door(hosts if password else hosts[:2], password, every, **({"secret": secret} if secret else {}))
     address, ended = f"http://{named if every is None else socket.gethostname()}:{port}/", threading.Event()
 
     def fresh(used: Callable[[], None] = lambda: None) -> str:
@@ -322,5 +388,6 @@ def serve_at(
     finally:
         ended.set()
         forget()
+        write_all()
         end_all()
         stop_all()

@@ -6,8 +6,10 @@ import math
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
+from weakref import WeakKeyDictionary
 
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.language import tree
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
 
 
 F = TypeVar("F", bound=Callable[..., Any])
-_MARK = "studio_act"
+_MARK = "studio_act"  # of an act: whether it changes something
 
 
 @dataclass(frozen=True)
@@ -126,13 +128,24 @@ def act(method: F) -> F:
     return method
 
 
+def look(method: F) -> F:
+    """Mark an action that changes nothing, so that other pages of the session need not hear of it."""
+    setattr(method, _MARK, False)
+    return method
+
+
 class Room:
     """A tab of the page, or its tour, with its own state; the `Desk` holds the state that they share.
 
     An action takes an `Asked` and returns a `Said`; None stands for the result of `show()`.
+
+    lasting    names of the attributes that are found again after a restart of the server
+    of_source  the same for those that belong to the source that is open, and are discarded with it
     """
 
     name: ClassVar[str] = ""
+    lasting: ClassVar[tuple[str, ...]] = ()
+    of_source: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, desk: Desk) -> None:
         self.desk = desk
@@ -148,10 +161,19 @@ class Room:
         """Start work that was waiting for the end of a job; return True if this changes the display of the tab."""
         return False
 
+    def state(self) -> dict[str, Any]:
+        """Return what is kept on disk."""
+        return {name: getattr(self, name) for name in (*self.lasting, *self.of_source)}
+
+    def resume(self, kept: Mapping[str, Any]) -> None:
+        """Take up what was kept; `kept` lacks what belonged to another source."""
+        for name, value in kept.items():
+            setattr(self, name, value)
+
     def do(self, name: str, asked: Asked) -> Said:
         """Run an action, by name. Raises ParameterError for an unknown one."""
         # looked up in the class, since a property of the instance would be evaluated
-        known = [attribute for attribute in dir(self) if getattr(getattr(type(self), attribute, None), _MARK, False)]
+        known = [attribute for attribute in dir(self) if self.is_act(attribute)]
         if name == "show":
             return self.show()
         if name not in known:
@@ -159,10 +181,21 @@ class Room:
         answer = getattr(self, name)(asked)
         return self.show() if answer is None else answer
 
+    @classmethod
+    def is_act(cls, name: str) -> bool:
+        """Return True if a method is an action of the page."""
+        return hasattr(getattr(cls, name, None), _MARK)
+
+    def changes(self, name: str) -> bool:
+        """Return True if an action may change the state of the session."""
+        return bool(getattr(getattr(type(self), name, None), _MARK, False))
+
 
 T = TypeVar("T")
 Values = dict[str, float]
 _UNDONE = 200  # steps that are kept
+_WAITING = 20  # jobs that may wait for their turn
+_KEPT = ("files", "programs", "done", "kept", "undo", "redo", "marks")  # attributes of a desk that are kept on disk
 _NOT_MADE = "a control that was chosen on the page before a search had ended, or of a comparison"
 _ANOTHER = "This result belongs to an earlier control. Run it again for the current one."
 
@@ -216,8 +249,28 @@ class Held:
         return self.bench.by_hand is other.bench.by_hand and (self.values, self.off) == (other.values, other.off)
 
 
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Work that was requested from the page: it runs, waits for its turn, or was interrupted by the end of the server.
+
+    room, what  name of the tab that requested it, and description of the work
+    asked       the request of the page, by which it can be requested again
+    held        the controller for which it was requested, if there was one
+    moves       True if it moves an axis
+    begin       starts the job; None for work that was interrupted
+    """
+
+    number: int
+    room: str
+    what: str
+    asked: Mapping[str, Any]
+    held: Held | None = None
+    moves: bool = False
+    begin: Callable[[], Job] | None = None
+
+
 class Desk:
-    """The state of one page. It is not shared between pages.
+    """The state of one session: of one page, or of several that show the same work.
 
     folder    folder of the page; it contains the results and, in `brought`, the uploaded files
     bench     the axis being tuned; None before a source was opened
@@ -235,6 +288,10 @@ class Desk:
     left      functions that are called with the page whose connection has ended
     closed    True once the session has ended
     done      steps completed on the page, for all sources
+    queue     jobs that wait for their turn, the next one first
+    broken_off  jobs that the end of the server interrupted, and that may go on
+    marks     how the last job of each tab ended: its state, and the reason of a failure
+    asked     the request of the page that is being answered, and its connection, `author`
     kept      files that are not outputs of the commands in `done`, with a description of each
     """
 
@@ -258,6 +315,16 @@ class Desk:
         self.programs: dict[str, Path] = {}
         self.done: list[Step] = []
         self.job: Job | None = None
+        self.running: Task | None = None
+        self.queue: list[Task] = []
+        self.broken_off: list[Task] = []
+        self.marks: dict[str, tuple[str, str]] = {}
+        self.asked: Mapping[str, Any] = {}
+        self.author: object = None
+        self._drawn_by: object = None  # the page of the last change
+        self._by = WeakKeyDictionary[Held, object]()  # of steps of the history: the page that left this controller
+        self._numbers = count(1)
+        self._claimed: set[Path] = set()
         self.undo: list[Held] = []
         self.redo: list[Held] = []
         self._made: tuple[ByHand, Values, Control] | None = None  # the current control, once it is needed
@@ -281,6 +348,7 @@ class Desk:
         self.off = ()
         self.undo, self.redo = [], []
         self._begins = True
+        self.broken_off, self.marks = [], {}
         self.changed()
 
     @property
@@ -297,7 +365,9 @@ class Desk:
         """
         # first of all: values out of bounds must raise before anything has changed
         control = self.needed.by_hand.control(wanted)
-        self._begins = self._begins or begins
+        # drags on two pages at once are steps of their own
+        self._begins = self._begins or begins or self._drawn_by is not self.author
+        self._drawn_by = self.author
         if dict(wanted) == self.values:
             return
         if self._begins:
@@ -428,18 +498,40 @@ class Desk:
         self._swap(self.redo, self.undo)
 
     def _remember(self) -> None:
-        self.undo = [*self.undo, self.held()][-_UNDONE:]
+        held = self.held()
+        self._by[held] = self.author
+        self.undo = [*self.undo, held][-_UNDONE:]
         self.redo.clear()
+
+    def by(self, held: Held) -> object:
+        """Return the page whose step led away from a controller of the history; None if it is not known."""
+        return self._by.get(held)
 
     def _swap(self, source: list[Held], other: list[Held]) -> None:
         if source:
-            other.append(self.held())
-            self._become(source.pop())
+            held, step = self.held(), source.pop()
+            self._by[held] = self._by.get(step)
+            other.append(held)
+            self._become(step)
 
     def _become(self, held: Held) -> None:
         self.bench, self.values, self.base = held.bench, dict(held.values), held.base
         self.written, self.off = held.written, held.off
         self._begins = True
+
+    @contextmanager
+    def as_of(self, held: Held | None) -> Generator[None]:
+        """Run a block with an earlier controller as the current one, without a step of the history."""
+        if held is None:
+            yield
+            return
+        now, undo, redo = self.held(), list(self.undo), list(self.redo)
+        self._become(held)
+        try:
+            yield
+        finally:
+            self._become(now)
+            self.undo, self.redo = undo, redo
 
     def did(self, command: str, request: Request, control: Control | None = None) -> None:
         """Record a completed step for the recipe, with the controller to which its results belong."""
@@ -498,7 +590,7 @@ class Desk:
             add=fields["add"],
             remove=fields["remove"],
             axis=bench.axis,
-            out=self.folder / "machine.toml",
+            out=self._machine_place(),
         )
 
     def machine_path(self) -> str | Path:
@@ -526,15 +618,16 @@ class Desk:
         return None if writers and writers[-1] == request else request
 
     def write_machine(self) -> Path:
-        """Write the machine file with the current controller to the folder.
-
-        Raises ParameterError if there is no machine, and while a job may still read the existing file.
-        """
-        path, text = self.folder / "machine.toml", self.needed.text(self.values)
-        if not path.is_file() or path.read_bytes() != text.encode():
-            self.check_free()
-            write_whole(path, text)
+        """Write the machine file with the current controller to the folder. Raises ParameterError without a machine."""
+        path, content = self._machine_place(), self.needed.text(self.values).encode()
+        if not path.is_file() or path.read_bytes() != content:
+            write_whole(path, content)
         return path
+
+    def _machine_place(self) -> Path:
+        """Return machine.toml, or an unused path while a job may still read that file with another controller."""
+        path = self.folder / "machine.toml"
+        return path if self.is_free else free_name(self.folder, path.name, self.needed.text(self.values).encode())
 
     def machine(self) -> MachineFile:
         """Return the machine with the current controller."""
@@ -542,14 +635,30 @@ class Desk:
 
         return read_machine(self.machine_path())
 
+    def fresh(self, name: str) -> Path:
+        """Return a path in the folder for the result of a job that neither a file nor another job has."""
+        if self.is_free:
+            self._claimed.clear()
+        path, number = free_name(self.folder, name), 1
+        while path in self._claimed:
+            number += 1
+            path = free_name(self.folder, f"{Path(name).stem}_{number}{Path(name).suffix}")
+        self._claimed.add(path)
+        return path
+
     @property
-    def is_free(self) -> bool:
+    def is_idle(self) -> bool:
         """True unless a job is running."""
         return self.job is None or not self.job.state.going
 
+    @property
+    def is_free(self) -> bool:
+        """True unless a job is running or waiting."""
+        return self.is_idle and not self.queue
+
     def check_free(self) -> None:
         """Raise ParameterError while a job is running."""
-        if self.job is not None and not self.is_free:
+        if self.job is not None and not self.is_idle:
             raise ParameterError(f"{self.job.state.what} is running: wait for its end, or cancel it")
 
     def start(
@@ -560,15 +669,71 @@ class Desk:
         then: Callable[[T], None],
         improved: Callable[[Found], None] = lambda _: None,
         patience: float = 0.0,
+        begins: Callable[[], None] = lambda: None,
     ) -> None:
-        """Start a long-running job in its own process. The job and its result must be picklable.
+        """Start a long-running job in its own process, or queue it while another one is running.
 
-        `then(result)` and `improved(report)` are called in the session; after each call the tab is displayed again.
-        `patience` is that of a job that moves an axis, in s; see `Job`.
-        Raises ParameterError while another job is running.
+        The job and its result must be picklable. `then(result)` and `improved(report)` are called in the session, after
+        each call the tab is displayed again; `begins()` is called before the job begins. `patience` is that of a job
+        that moves an axis, in s; see `Job`.
+        Raises ParameterError if a job that moves an axis would have to wait, and if too many jobs wait.
         """
-        self.check_free()
-        self.job = self.begun(room, what, work, then, improved, patience)
+
+        def begin() -> Job:
+            begins()
+            return self.begun(room, what, work, then, improved, patience)
+
+        held = None if self.bench is None else self.held()
+        task = Task(next(self._numbers), room, what, dict(self.asked), held, patience > 0.0, begin)
+        if self.is_idle:
+            self._begin(task)
+            return
+        # nobody may stand at the axis when its turn comes
+        if patience:
+            self.check_free()
+        if len(self.queue) >= _WAITING:
+            raise ParameterError(f"{_WAITING} jobs are waiting already: remove one of them first")
+        self.queue.append(task)
+
+    def _begin(self, task: Task) -> None:
+        assert task.begin is not None
+        self.marks.pop(task.room, None)
+        self.running = task
+        self.job = task.begin()
+
+    def begin_next(self) -> Task | None:
+        """Begin the next job of the queue, and return it; None if there is none, or another one is running."""
+        if not self.queue or not self.is_idle:
+            return None
+        task = self.queue.pop(0)
+        self._begin(task)
+        return task
+
+    def sooner(self, number: int) -> None:
+        """Move a job one place forward in the queue. Raises ParameterError if it does not wait any more."""
+        place = self._waiting(number)
+        if place:
+            self.queue[place - 1], self.queue[place] = self.queue[place], self.queue[place - 1]
+
+    def take_back(self, number: int) -> None:
+        """Remove a job from the queue, or from those that were interrupted. Raises ParameterError for another one."""
+        left = [task for task in self.broken_off if task.number != number]
+        if len(left) < len(self.broken_off):
+            self.broken_off = left
+        else:
+            del self.queue[self._waiting(number)]
+
+    def _waiting(self, number: int) -> int:
+        place = next((k for k, task in enumerate(self.queue) if task.number == number), None)
+        if place is None:
+            raise ParameterError("this job does not wait any more: it has begun, or was removed")
+        return place
+
+    def works(self) -> list[Task]:
+        """Return the jobs that a restart of the server would interrupt, the running one first, and those of before."""
+        running = [] if self.running is None or self.is_idle else [self.running]
+        # what begins by itself, such as the reading of files, is found again with its tab
+        return [task for task in (*running, *self.queue, *self.broken_off) if task.asked]
 
     def cancel(self) -> None:
         """Cancel the running job, if any."""
@@ -578,6 +743,22 @@ class Desk:
     def job_state(self) -> JobState | None:
         """Return the state of the last job."""
         return None if self.job is None else self.job.state
+
+    def state(self) -> dict[str, Any]:
+        """Return what is kept on disk, without the source, which `Session` keeps apart."""
+        held = None if self.bench is None else self.held()
+        now = None if held is None else (held.bench, self.values, self.base, self.written, self.off)
+        works = [(each.room, each.what, each.asked, each.held, each.moves) for each in self.works()]
+        return {"epoch": self.epoch, "now": now, "works": works, **{name: getattr(self, name) for name in _KEPT}}
+
+    def resume(self, kept: Mapping[str, Any], bench: Bench | None) -> None:
+        """Take up what was kept, with the source that was open."""
+        self.bench, self.epoch = bench, kept["epoch"]
+        for name in _KEPT:
+            setattr(self, name, kept[name])
+        if bench is not None and kept["now"] is not None:
+            self._become(Held(*kept["now"]))
+        self.broken_off = [Task(next(self._numbers), *task) for task in kept["works"]]
 
     def close(self) -> None:
         """Stop the running job, and stop following live sources. Work that waits for the job's end is not started."""

@@ -33,13 +33,15 @@ from feeddrive.language.quantity import number
 from feeddrive.language.text import plain
 from feeddrive.plot.chart import Band, Chart, Curve, Level, Mark, Panel
 from feeddrive.plot.style import POINTS, envelope
-from feeddrive.studio.bench import Bench
-from feeddrive.studio.desk import Asked, Desk, Room, Said
-from feeddrive.studio.jobs import DONE, Found, Job, JobState, Work, fault
+from feeddrive.studio.bench import Bench, Opened, opened_again
+from feeddrive.studio.desk import Asked, Desk, Room, Said, Task
+from feeddrive.studio.jobs import DONE, FAILED, Found, Job, JobState, Work, fault
 from feeddrive.studio.live import Followable
 from feeddrive.studio.protection import App, Door, Protected
 from feeddrive.studio.rooms import ROOMS
+from feeddrive.studio.rooms.search import Search
 from feeddrive.studio.rooms.tour import Tour
+from feeddrive.studio.stored import FOLDER, Code, Keeper, copied, read_part
 from feeddrive.studio.uploads import keep, place_of, safe_name
 
 Window = tuple[float, float]
@@ -218,13 +220,14 @@ _WINDOWS = 50
 
 
 class Session:
-    """The session of one page, with its tabs and state.
+    """The session of one page, or of several that show the same work, with its tabs and state.
 
     folder          directory of the page, for all files that it reads and writes
     bench, brought  initial bench and files
     live            sources that may be followed
     drives          drive files whose drives may be moved
     tour            True to start with the guided tour
+    name            name by which the page finds this session again; empty: nothing is kept
     """
 
     def __init__(
@@ -236,17 +239,26 @@ class Session:
         drives: tuple[Path, ...] = (),
         *,
         tour: bool = False,
+        name: str = "",
     ) -> None:
         self.desk = Desk(folder, brought, live, drives)
         self.desk.changed, self.desk.tell, self.desk.begun = self._another, self.push, self._start
         self.rooms: dict[str, Room] = {room.name: room(self.desk) for room in ROOMS}
         self._tour = Tour(self.desk)
-        self.rooms[Tour.name] = self._tour
-        self._pushes = list[Push]()
-        self._windows: dict[tuple[str, str], Window] = {}  # by room and label of x
+        self.rooms |= {Tour.name: self._tour, Search.name: Search(self.desk)}
+        self._pushes = list[tuple[Push, object]]()
+        self._windows: dict[tuple[object, str, str], Window] = {}  # by page, room and label of x
         self.desk.watched = lambda: self.heard
         # re-entrant: an action may push the state of another room
         self._lock = threading.RLock()
+        self._name, self._lost = name, list[str]()
+        self._benches = dict[str, Bench]()  # of the source that is open, by the data of their first controllers
+        self._code = Code(self._held, self._again)
+        self._keeper = Keeper(folder, self._code, self._state)
+        known = None if not name else self._part("page")
+        if known is not None:
+            self._resume()
+            return
         if bench is not None:
             self.desk.put(bench)
         if tour:
@@ -262,17 +274,11 @@ class Session:
         name, _, act = str(asked.get("do")).partition(".")
         try:
             # without the lock, which a long action may hold: a cancellation must not wait
-            if name == "job":
-                self._job(act)
+            if (name, act) == ("job", "cancel"):
+                self.desk.cancel()
                 return self._message(number, "", Said())
-            if name == "view":
-                name, act = self._view(act, Asked(asked)), "show"
-            if name not in self.rooms:
-                raise ParameterError(f"the page asks for '{name:.60}', which is none of {', '.join(self.rooms)}")
             with self._lock:
-                shown = self.rooms[name].do(act, Asked(asked, page))
-                self._tour.heard(f"{name}.{act}")
-                return self._message(number, name, shown)
+                return self._message(number, *self._answered(name, act, asked, page), page=page)
         except FeeddriveError as error:
             error_text = str(error)
         except Exception as error:
@@ -280,14 +286,46 @@ class Session:
             error_text = fault(error)
         return self._message(number, name if name in self.rooms else "", Said({"error": error_text}))
 
+    def _answered(self, name: str, act: str, asked: Mapping[str, Any], page: object) -> tuple[str, Said]:
+        """Return the name of the tab that a request shows, and its response."""
+        if name == "job":
+            changes, shown = True, self._job(act, Asked(asked, page))
+            name = ""
+        else:
+            if name == "view":
+                name, act = self._view(act, Asked(asked, page)), "show"
+            if name not in self.rooms:
+                raise ParameterError(f"the page asks for '{name:.60}', which is none of {', '.join(self.rooms)}")
+            changes = self.rooms[name].changes(act)
+            shown = self._done(name, act, asked, page)
+        if changes:
+            self._tell_others(page)
+            self._touch()
+        return name, shown
+
+    def _done(self, name: str, act: str, asked: Mapping[str, Any], page: object) -> Said:
+        """Run an action of a tab; a job that it starts can be requested again by `asked`."""
+        desk = self.desk
+        desk.asked = {key: value for key, value in asked.items() if key not in ("number", "session")}
+        desk.author = page
+        try:
+            shown = self.rooms[name].do(act, Asked(asked, page))
+        finally:
+            desk.asked, desk.author = {}, None
+        self._tour.heard(f"{name}.{act}")
+        return shown
+
     def listen(self, push: Push, page: object = None) -> Callable[[], None]:
         """Subscribe to unsolicited messages, each labeled with its kind; return a function that unsubscribes."""
         # a page that has just been loaded shows the full range
-        self._windows.clear()
-        self._pushes.append(push)
+        self._forget_windows(page)
+        self._pushes.append((push, page))
+        self._tell_others(page)
 
         def leave() -> None:
-            self._pushes.remove(push)
+            self._pushes.remove((push, page))
+            self._forget_windows(page)
+            self._tell_others(page)
             for left in self.desk.left:
                 left(page)
 
@@ -299,24 +337,52 @@ class Session:
         return bool(self._pushes)
 
     def push(self, name: str) -> None:
-        """Send the current state of a tab to the page without a request."""
+        """Send the current state of a tab to all pages without a request."""
         with self._lock:
             try:
-                content = self._message(0, name, self.rooms[name].show())
+                said = self.rooms[name].show()
             except FeeddriveError as error:
-                content = self._message(0, name, Said({"error": str(error)}))
+                said = Said({"error": str(error)})
             except Exception as error:
-                content = self._message(0, name, Said({"error": fault(error)}))
-            self._send(name, content)
+                said = Said({"error": fault(error)})
+            # a copy, since another thread may unsubscribe meanwhile
+            for push, page in tuple(self._pushes):
+                push(name, self._message(0, name, said, page=page))
 
     def close(self) -> None:
         """Stop all running work of the session."""
+        self._keeper.end()
         self.desk.close()
 
-    def _job(self, act: str) -> None:
-        if act != "cancel":
-            raise ParameterError(f"a job can be canceled, and not '{act:.60}'")
-        self.desk.cancel()
+    def _tell_others(self, page: object) -> None:
+        """Tell all pages but one that something has changed: they ask for what they show."""
+        for push, other in tuple(self._pushes):
+            if other is not page:
+                push("changed", self._message(0, "", Said({"changed": True})))
+
+    def _job(self, act: str, asked: Asked) -> Said:
+        """Change the order of the jobs that wait, remove one, or go on with one that was interrupted."""
+        acts = ("sooner", "remove", "resume")
+        if act not in acts:
+            raise ParameterError(f"a job can be canceled or one of {', '.join(acts)}, and not '{act:.60}'")
+        number, desk = asked.whole("task"), self.desk
+        if act == "sooner":
+            desk.sooner(number)
+        elif act == "remove":
+            desk.take_back(number)
+        else:
+            task = next((task for task in desk.broken_off if task.number == number), None)
+            if task is None:
+                raise ParameterError("this job was not interrupted, or goes on already")
+            if task.moves:
+                # whoever moves an axis sees first what it will do
+                return Said({"go": task.room})
+            room, _, do = str(task.asked["do"]).partition(".")
+            with desk.as_of(task.held):
+                self._done(room, do, task.asked, asked.page)
+            desk.take_back(number)
+            return Said({"go": task.room})
+        return Said()
 
     def _view(self, act: str, asked: Asked) -> str:
         """Zoom those pictures of a tab that have the requested x label; return the name of the tab.
@@ -327,7 +393,7 @@ class Session:
             raise ParameterError(f"a view has a window, and not '{act:.60}'")
         room = asked.choice("shows", self.rooms)
         label, low, high = asked.text("label"), asked.number_or_none("low"), asked.number_or_none("high")
-        self._windows.pop((room, label), None)
+        self._windows.pop((asked.page, room, label), None)
         if low is not None and high is not None:
             if not low < high:
                 raise ParameterError(
@@ -335,11 +401,15 @@ class Session:
                 )
             if len(self._windows) >= _WINDOWS:
                 self._windows.clear()
-            self._windows[room, label] = low, high
+            self._windows[asked.page, room, label] = low, high
         return room
+
+    def _forget_windows(self, page: object) -> None:
+        self._windows = {key: window for key, window in self._windows.items() if key[0] is not page}
 
     def _another(self) -> None:
         self._windows.clear()  # the page shows all of another source
+        self._benches.clear()
         for room in self.rooms.values():
             room.begin()
 
@@ -353,15 +423,20 @@ class Session:
         patience: float,
     ) -> Job:
         def heard(state: JobState) -> None:
+            if not state.going:
+                ended_as = (state.state, state.error)
+                self.desk.marks = {**self.desk.marks, room: ended_as}
             self._send("job", self._message(0, "", Said(), state))
             if not state.going:
                 self.push(room)
                 self._freed()
+                self._touch()
 
         def met(report: Found) -> None:
             with self._lock:
                 improved(report)
             self.push(room)
+            self._touch()
 
         def ended(result: Any) -> None:
             with self._lock:
@@ -374,14 +449,19 @@ class Session:
         return job
 
     def _freed(self) -> None:
-        """Let all tabs start work that was waiting for the end of a job."""
+        """Let all tabs start work that was waiting for the end of a job, and then the jobs that wait for their turn."""
+        changed = list[str]()
         with self._lock:
-            going_on = not self.desk.closed
-            changed = [name for name, room in self.rooms.items() if going_on and self.desk.is_free and room.freed()]
+            if not self.desk.closed:
+                changed = [name for name, room in self.rooms.items() if self.desk.is_idle and room.freed()]
+                task = self.desk.begin_next()
+                changed += [] if task is None else [task.room]
         for name in changed:
             self.push(name)
 
-    def _message(self, number: int, room: str, answer: Said, job: JobState | None = None) -> bytes:
+    def _message(
+        self, number: int, room: str, answer: Said, job: JobState | None = None, page: object = None
+    ) -> bytes:
         bench = self.desk.bench
         words: dict[str, Any] = {
             "number": number,
@@ -389,6 +469,7 @@ class Session:
             "epoch": self.desk.epoch,
             "title": "" if bench is None else bench.title,
             "tour": self._tour.words,
+            "work": self._work(),
             **answer.words,
         }
         state = job or self.desk.job_state()
@@ -398,8 +479,30 @@ class Session:
             words["error"] = self._plain(str(words["error"]))
         if "remarks" in words:
             words["remarks"] = [self._plain(str(item)) for item in words["remarks"]]
-        windows = {label: item for (of, label), item in self._windows.items() if of == room}
+        windows = {label: item for (of, name, label), item in self._windows.items() if (of, name) == (page, room)}
         return message(words, answer.charts, windows)
+
+    def _work(self) -> dict[str, Any]:
+        """Return what every page says of the work: the jobs, how those of each tab ended, and the connected pages."""
+        desk = self.desk
+        going = desk.job_state()
+        marks = {room: state for room, (state, _) in desk.marks.items()}
+        marks |= {task.room: "waiting" for task in desk.queue}
+        if going is not None and going.going:
+            marks[going.room] = "running"
+        failures = {room: self._plain(error) for room, (state, error) in desk.marks.items() if state == FAILED}
+
+        def told(task: Task) -> dict[str, Any]:
+            return {"number": task.number, "room": task.room, "what": task.what, "moves": task.moves}
+
+        return {
+            "queue": [told(task) for task in tuple(desk.queue)],
+            "broken_off": [told(task) for task in desk.broken_off],
+            "marks": marks,
+            "failures": failures,
+            "pages": len(self._pushes),
+            "lost": [self._plain(text) for text in (*self._lost, *filter(None, [self._keeper.failed]))],
+        }
 
     def _plain(self, text: str) -> str:
         """Replace paths in a message by the names of uploaded files, and options by the names of the page's fields."""
@@ -413,8 +516,68 @@ class Session:
 
     def _send(self, of: str, content: bytes) -> None:
         # a copy, since another thread may unsubscribe meanwhile
-        for push in tuple(self._pushes):
+        for push, _ in tuple(self._pushes):
             push(of, content)
+
+    def _touch(self) -> None:
+        """Write what has changed to the disk, soon."""
+        if self._name:
+            self._keeper.touch()
+
+    def _state(self) -> dict[str, Any]:
+        """Return what is kept on disk, by part."""
+        with self._lock:
+            desk = self.desk
+            title = "" if desk.bench is None else desk.bench.title
+            parts = {"page": {"name": self._name, "title": title, "files": len(desk.files), "steps": len(desk.undo)}}
+            parts["source"] = {"epoch": desk.epoch, "opened": None if desk.bench is None else desk.bench.opened}
+            parts["desk"] = desk.state()
+            parts |= {name: {"epoch": desk.epoch, **room.state()} for name, room in self.rooms.items()}
+            return copied(parts)
+
+    def _resume(self) -> None:
+        """Take up what was kept on disk; what cannot be read is named, and all else goes on."""
+        source = self._part("source") or {"epoch": 0, "opened": None}
+        try:
+            bench = None if source["opened"] is None else opened_again(source["opened"])
+        except FeeddriveError as error:
+            self._lost.append(f"{error} The source that was open cannot be opened again.")
+            bench = None
+        self.desk.bench, self.desk.epoch = bench, source["epoch"]
+        if bench is not None:
+            self._benches = {json.dumps(self._code.data(bench.by_hand.start)): bench}
+        kept = self._part("desk")
+        if kept is not None and kept["epoch"] == source["epoch"] and (bench is None) == (kept["now"] is None):
+            self.desk.resume(kept, bench)
+        elif bench is not None:
+            self.desk.put(bench)
+        for name, room in self.rooms.items():
+            state = self._part(name)
+            if state is None:
+                continue
+            old = state.pop("epoch") != self.desk.epoch
+            try:
+                room.resume({key: value for key, value in state.items() if not (old and key in room.of_source)})
+            except FeeddriveError as error:
+                self._lost.append(str(error))
+
+    def _part(self, name: str) -> Any:
+        try:
+            return read_part(self.desk.folder, name, self._code)
+        except FeeddriveError as error:
+            self._lost.append(str(error))
+            return None
+
+    def _held(self, value: Any) -> Any:
+        """Return data of a bench by its first controller: all benches of a session are of the source that is open."""
+        return {"bench": self._code.data(value.by_hand.start)} if isinstance(value, Bench) else None
+
+    def _again(self, data: Any) -> Bench:
+        """Return the bench of such data; equal data gives the same bench, so that `Held.same` finds it."""
+        key = json.dumps(data["bench"])
+        if key not in self._benches:
+            self._benches[key] = self.desk.needed.with_control(self._code.value(data["bench"]))
+        return self._benches[key]
 
 
 PAGE = Path(__file__).parent / "page"  # built from the TypeScript in `page/` of the repository
@@ -455,10 +618,12 @@ def make_app(
     except ImportError as error:
         raise MissingExtraError("starlette", "studio", "the studio") from error
 
-    def new_session() -> Session:
+    def new_session(name: str) -> Session:
         folder.mkdir(parents=True, exist_ok=True)
-        own = Path(tempfile.mkdtemp(prefix=time.strftime("%Y-%m-%d_%H%M%S_"), dir=folder))
-        return Session(own, bench, brought, live, drives, tour=tour)
+        own = kept_folder(folder, name)
+        if own is None:
+            own = Path(tempfile.mkdtemp(prefix=time.strftime("%Y-%m-%d_%H%M%S_"), dir=folder))
+        return Session(own, bench, brought, live, drives, tour=tour, name=name)
 
     sessions = Sessions(new_session)
 
@@ -542,7 +707,7 @@ def make_app(
 class Sessions:
     """The sessions of all pages. If there are too many, the least recently used one without an open page is ended."""
 
-    def __init__(self, make: Callable[[], Session]) -> None:
+    def __init__(self, make: Callable[[str], Session]) -> None:
         self._make, self._lock = make, threading.Lock()
         self._held = dict[str, Session]()  # the latest last
 
@@ -561,11 +726,24 @@ class Sessions:
                         raise ParameterError(f"{_SESSIONS} pages are open: close one of them, and load this one again")
                     self._held.pop(left).close()
                 try:
-                    session = self._make()
+                    session = self._make(name[:_KEY])
                 except OSError as error:
                     raise refusal(error.filename or "the folder of the page", "written", error) from None
             self._held[name[:_KEY]] = session
             return session
+
+
+def kept_folder(folder: Path, name: str) -> Path | None:
+    """Return the directory in which a page of this name kept its work; None if there is none."""
+    if not name:
+        return None
+    for part in folder.glob(f"*/{FOLDER}/page.json"):
+        # a symbolic link could lead to a directory of somebody else
+        if not (part.is_symlink() or part.parent.is_symlink() or part.parents[1].is_symlink()):
+            with contextlib.suppress(FeeddriveError):
+                if read_part(part.parents[1], "page", Code())["name"] == name:
+                    return part.parents[1]
+    return None
 
 
 class Outbox:

@@ -53,6 +53,10 @@ class Bring(Room):
     """The page for the import of machines, logs, responses and part programs."""
 
     name = "bring"
+    lasting = (
+        *("open", "queue", "unread", "_sample_times", "_used", "_told", "_typed", "_scales"),
+        *("identified", "_made_of", "machine", "start_from"),
+    )
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
@@ -72,12 +76,28 @@ class Bring(Room):
         self.machine: Path | None = None  # that it wrote
         self.start_from = ""  # the machine that is chosen before a person chooses one
         self._began = False
+        # files that are read once more after a restart, each with the roles of its columns for all axes
+        self._again: dict[str, tuple[Guess | None, Mapping[str, Guess]]] = {}
+
+    def state(self) -> dict[str, Any]:
+        """Return what is kept on disk: the contents of files are not, but the roles of their columns."""
+        roles = {name: (file.guess, file.guesses) for name, file in self.files.items()}
+        return {**super().state(), "roles": {**self._again, **roles}}
+
+    def resume(self, kept: Mapping[str, Any]) -> None:
+        """Take up the files, the roles of their columns, and the last identification."""
+        super().resume({name: value for name, value in kept.items() if name != "roles"})
+        self._used, self._told = set(self._used), set(self._told)
+        # among the files that are read now
+        self.desk.brought = ()
+        self._again = {name: roles for name, roles in kept["roles"].items() if name in self.desk.files}
+        self.unread = {**{name: self.desk.files[name] for name in self._again}, **self.unread}
 
     def show(self) -> Said:
         """Return the bundled machines, the files and their queue, the columns of the open file, and the last result."""
-        if self.desk.brought and not self._began:
+        if not self._began:
             self._began = True
-            self._read([name.name for name in self.desk.brought])
+            self._read([path.name for path in self.desk.brought])
         words: dict[str, Any] = {
             "bundled": _bundled(),
             "files": [self._file(name) for name in self.files.values()],
@@ -404,7 +424,7 @@ class Bring(Room):
 
     def _read_on(self) -> bool:
         """Start reading the waiting files unless a job is running; return True if reading was started."""
-        if not self.unread or not self.desk.is_free:
+        if not self.unread or not self.desk.is_idle:
             return False
         paths = self._reading = dict(self.unread)
         first = next(iter(paths))
@@ -418,6 +438,12 @@ class Bring(Room):
                 # a file that was removed or sent again meanwhile is not the one that was read
                 if self.unread.get(name) == path:
                     del self.unread[name]
+                    if name in self._again:
+                        # it stands where it stood before the restart
+                        guess, guesses = self._again.pop(name)
+                        same = {} if guess is None else {"guess": guess, "guesses": guesses, "check": None}
+                        self.files[name] = replace(content, name=name, **same)
+                        continue
                     self._add(content, name, path)
                     self._take_turn(name)
 
@@ -482,7 +508,7 @@ class Bring(Room):
 
     def _free(self, name: str) -> Path:
         """Return an unused path for a result. Earlier files are never replaced, since an undo may return to them."""
-        return free_name(self.desk.folder, name)
+        return self.desk.fresh(name)
 
     def _known(self, asked: Asked) -> Understood:
         name = asked.text("name")
@@ -500,7 +526,6 @@ class Bring(Room):
 
     def _roles(self, content: Understood) -> Path:
         assert content.guess is not None
-        self.desk.check_free()
         text = content.guess.toml(self._path(content.name))
         return self.desk.keep(f"roles_{stem_of(content.name)}.toml", text.encode(), _ROLES)
 

@@ -39,6 +39,7 @@ class Commission(Room):
     """The page for the commissioning of a drive, virtual or real."""
 
     name = "commission"
+    lasting = ("request", "source")
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 
 from feeddrive.comparison.compare import TODAY
 from feeddrive.files.atomic_io import new_directory
-from feeddrive.files.machine import MachineFile
+from feeddrive.files.machine import MachineFile, read_machine
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import DRAWN
 from feeddrive.loop.box import AUTO, BOXES
@@ -25,6 +26,8 @@ class Compare(Room):
     """The page for the comparison of laws."""
 
     name = "compare"
+    lasting = ("box",)
+    of_source = ("left_out", "shown", "_asked")
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
@@ -58,6 +61,17 @@ class Compare(Room):
         if self.shown is None:
             return Said(words)
         return Said({**words, "found": dict(self.shown.words)}, self.shown.charts)
+
+    def resume(self, kept: Mapping[str, Any]) -> None:
+        """Take up the choice of laws and the result."""
+        super().resume(kept)
+        self.left_out = set(self.left_out)
+        if self._asked is not None:
+            # the recipe finds its step by identity
+            steps = [step.request for step in self.desk.done if step.request == self._asked]
+            self._asked = steps[-1] if steps and isinstance(steps[-1], CompareRequest) else None
+        if self._asked is not None:
+            self._machine = read_machine(self._asked.machine)
 
     @act
     def choose(self, asked: Asked) -> None:

@@ -23,7 +23,7 @@ from feeddrive.loop.box import BOXES
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.plot.chart import Chart, Curve, Panel
-from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name
+from feeddrive.studio.desk import Asked, Desk, Room, Said, act
 from feeddrive.studio.jobs import Found
 from feeddrive.studio.pictures import WORST, charts
 from feeddrive.studio.works import Shown, tuned
@@ -50,7 +50,7 @@ _NO_INTEGRAL = (
     "so that the search begins with one, or take the goal stiffness"
 )
 # label and explanation of each field on the page; a limit of a package has those of its declaration
-_WORDS: Mapping[str, tuple[str, str]] = {
+WORDS: Mapping[str, tuple[str, str]] = {
     "goal": ("Goal", "what the search makes as good as it can within the limits"),
     "max_ms": ("Largest Ms", "peak of the sensitivity: 2 is usual, less is more robust"),
     "gain_margin": ("Least gain margin", "by how much the gain may rise before the loop oscillates"),
@@ -82,6 +82,8 @@ class Goal(Room):
     """The page for automatic tuning: the goal, its limits, and the result of the tuner."""
 
     name = "goal"
+    lasting = ("settings",)
+    of_source = ("costs", "best", "result")
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
@@ -111,6 +113,11 @@ class Goal(Room):
             **self._result(),
         }
         return Said(words, drawn)
+
+    def resume(self, kept: Mapping[str, Any]) -> None:
+        """Take up goal, limits and result."""
+        super().resume(kept)
+        self._take(self.settings)
 
     @act
     def set(self, asked: Asked) -> None:
@@ -142,9 +149,10 @@ class Goal(Room):
     @act
     def tune(self, _: Asked) -> None:
         """Run the optimizer from the current controller."""
-        self.desk.check_free()
         request = self._request()
-        self.costs, self.best, self.result = [], None, None
+
+        def begins() -> None:
+            self.costs, self.best, self.result = [], None, None
 
         def met(report: Found) -> None:
             # several searches report in turn: only an improvement on all of them counts
@@ -156,7 +164,7 @@ class Goal(Room):
             self.result, self.best = shown, shown.result.control
             self.desk.did("tune", request, self._best())
 
-        self.desk.start(self.name, "tune", partial(tuned, request), then, met)
+        self.desk.start(self.name, "tune", partial(tuned, request), then, met, begins=begins)
 
     @act
     def accept(self, _: Asked) -> Said:
@@ -198,7 +206,7 @@ class Goal(Room):
         bench = self.desk.needed
         source = bench.sources
         # a result that was accepted keeps its directory, to which an undo may return
-        out = free_name(self.desk.folder, "tuned")
+        out = self.desk.fresh("tuned")
         places: dict[str, Any] = {"at": tuple(source.at), "axis": bench.axis or None}
         settings: dict[str, Any] = {**self.settings, "out": out, **places}
         if bench.from_machine:
@@ -256,7 +264,7 @@ class Goal(Room):
         if isinstance(value, float):
             shown = number(value / field.factor, 6)
         declared = field.declared.of_axis(self.desk.bench is not None and self.desk.bench.rotary)
-        label, meaning = _WORDS.get(field.name, (field.flag.removeprefix("--").replace("-", " "), declared.meaning))
+        label, meaning = WORDS.get(field.name, (field.flag.removeprefix("--").replace("-", " "), declared.meaning))
         return {
             "name": field.name,
             "label": label,

@@ -9,7 +9,7 @@ from pathlib import Path
 from feeddrive.files.machine import BUNDLED, MachineFile
 from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import ParameterError
-from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, act, free_name
+from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, act
 from feeddrive.studio.rooms.take import whole
 from feeddrive.studio.works import Shown, circle_shown, circled, part_corrected, program_run, reported
 from feeddrive.workflow.certify import CertifyRequest
@@ -26,6 +26,7 @@ class Prove(Room):
     """The page for proofs of the current controller and for simulations on the machine."""
 
     name = "prove"
+    of_source = ("shown", "circles")
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
@@ -72,7 +73,7 @@ class Prove(Room):
         if machine is None or len(machine.loops) < 2:
             raise ParameterError("a circle needs a machine with two axes, and this one has fewer")
         x, y = asked.choice("x", machine.loops), asked.choice("y", machine.loops)
-        out = free_name(self.desk.folder, "circle")
+        out = self.desk.fresh("circle")
         request = CircleRequest((Path(self.desk.machine_path()),), x=x, y=y, out=out)
         held = self.desk.held()
 
@@ -90,7 +91,7 @@ class Prove(Room):
     def program(self, asked: Asked) -> None:
         """Run an uploaded or bundled part program on the machine."""
         name, job = self._job(asked)
-        request = RunRequest(str(job), out=free_name(self.desk.folder, "run"))
+        request = RunRequest(str(job), out=self.desk.fresh("run"))
         held = self.desk.held()
 
         def then(shown: Shown) -> None:
@@ -103,7 +104,7 @@ class Prove(Room):
     def correct(self, asked: Asked) -> None:
         """Correct a part program by its plan: setpoints and force offsets, judged on a box of machines."""
         name, job = self._job(asked)
-        request = SetpathRequest(str(job), out=free_name(self.desk.folder, "setpath"))
+        request = SetpathRequest(str(job), out=self.desk.fresh("setpath"))
         held = self.desk.held()
 
         def then(shown: Shown) -> None:
@@ -117,7 +118,6 @@ class Prove(Room):
         bench = self.desk.needed
         bench.needed_loop()
         name = asked.choice("name", [*_bundled(bench.machine), *self.desk.programs])
-        self.desk.check_free()
         source = self.desk.programs.get(name) or BUNDLED / "programs" / name
         # a copy beside the job, which then names it without a folder
         part = self.desk.keep(Path(name).name, source.read_bytes(), _PROGRAM)

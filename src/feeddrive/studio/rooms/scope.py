@@ -22,7 +22,7 @@ from feeddrive.language.units import rounded
 from feeddrive.plot.chart import Chart
 from feeddrive.plot.over_time import Channel, Ranges, scope_chart
 from feeddrive.plot.style import written
-from feeddrive.studio.desk import Asked, Desk, Room, Said, act
+from feeddrive.studio.desk import Asked, Desk, Room, Said, act, look
 from feeddrive.studio.live import Following
 from feeddrive.workflow.command import Field, fields_of
 from feeddrive.workflow.follow import FollowRequest, between, window_log
@@ -114,7 +114,7 @@ class Scope(Room):
             frame.charts,
         )
 
-    @act
+    @look
     def frame(self, _: Asked) -> Said:
         """Return the current window and the cursor readings; requested at the drawing rate of the page."""
         return self._frame()

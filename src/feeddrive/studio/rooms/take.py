@@ -107,6 +107,7 @@ class Take(Room):
     """The page for the export of tuned and proven results."""
 
     name = "take"
+    of_source = ("exports", "verified")
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)

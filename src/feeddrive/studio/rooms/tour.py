@@ -120,6 +120,7 @@ class Tour(Room):
     """The guided tour. It has no tab: its panel is shown above all tabs."""
 
     name = "tour"
+    lasting = ("at",)
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)

@@ -18,7 +18,7 @@ from feeddrive.language.tree import check_sampled
 from feeddrive.language.units import rounded, turning
 from feeddrive.loop.control import Control
 from feeddrive.plot.chart import ALERT, FREQUENCY, LOG, Band, Chart, Disc, Level, Mark, Note
-from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, Values, act
+from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, Values, act, look
 from feeddrive.studio.history import History
 from feeddrive.studio.pictures import PICTURES, USUAL, HeldPoles, Parts, charts, choices
 from feeddrive.studio.strip import strip, verdict_line
@@ -163,6 +163,8 @@ class Tune(Room):
     """The page for manual tuning of the controller's parameters."""
 
     name = "tune"
+    lasting = ("chosen", "units")
+    of_source = ("snapshots",)
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
@@ -345,7 +347,7 @@ class Tune(Room):
         self.desk.forget(asked.whole("place"))
         return self._pictures()
 
-    @act
+    @look
     def remedy(self, _: Asked) -> Said:
         """Look for the highest crossover, slower than the present one, at which the loop keeps all limits."""
         control, crossover = self.desk.control, self._now.leading.margins.crossover
@@ -387,7 +389,7 @@ class Tune(Room):
         self.snapshots.pop(asked.choice("letter", SNAPSHOTS), None)
         return self._pictures()
 
-    @act
+    @look
     def file(self, _: Asked) -> Said:
         """Export the machine file with the current parameters."""
         bench = self.desk.needed
