@@ -123,7 +123,7 @@ def test_a_file_that_comes_during_a_job_is_read_at_its_end_and_one_whose_reading
 ) -> None:
     desk = Desk(tmp_path, "a.csv", "b.csv", "c.csv")
     busy = True
-    monkeypatch.setattr(type(desk.session.desk), "is_free", property(lambda _: not busy))
+    monkeypatch.setattr(type(desk.session.desk), "is_idle", property(lambda _: not busy))
     said = desk.ask("look", names=["a.csv"])
     assert (said["queue"], desk.jobs) == (["a.csv"], [])
     desk.ask("look", names=["b.csv"])

@@ -75,7 +75,7 @@ class Bring(Room):
         self._made_of: tuple[str, ...] = ()  # the files that it was about
         self.machine: Path | None = None  # that it wrote
         self.start_from = ""  # the machine that is chosen before a person chooses one
-        self._began = False
+        self._begins = bool(desk.brought)  # whether files are to be read once the page is there
         # files that are read once more after a restart, each with the roles of its columns for all axes
         self._again: dict[str, tuple[Guess | None, Mapping[str, Guess]]] = {}
 
@@ -88,15 +88,15 @@ class Bring(Room):
         """Take up the files, the roles of their columns, and the last identification."""
         super().resume({name: value for name, value in kept.items() if name != "roles"})
         self._used, self._told = set(self._used), set(self._told)
-        # among the files that are read now
-        self.desk.brought = ()
+        # they are among the files that are read now
+        self.desk.brought, self._begins = (), True
         self._again = {name: roles for name, roles in kept["roles"].items() if name in self.desk.files}
         self.unread = {**{name: self.desk.files[name] for name in self._again}, **self.unread}
 
     def show(self) -> Said:
         """Return the bundled machines, the files and their queue, the columns of the open file, and the last result."""
-        if not self._began:
-            self._began = True
+        if self._begins:
+            self._begins = False
             self._read([path.name for path in self.desk.brought])
         words: dict[str, Any] = {
             "bundled": _bundled(),
