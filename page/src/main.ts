@@ -232,7 +232,8 @@ function heard(received: Received, shows: boolean): void {
 function together(pages: number, gone: string[]): void {
   others.hidden = pages < 2;
   others.textContent = `${pages} pages`;
-  others.title = "This work is open in another page, too: what one changes shows on the other, and Undo takes back the last step of either.";
+  others.title =
+    "This work is open in another page, too: what one changes shows on the other, and Undo takes back the last step of either.";
   const words = gone.join(" ");
   if (words && words !== unkept) fail(words);
   unkept = words;
@@ -242,6 +243,7 @@ function disconnected(now: Lost): void {
   off = now;
   lost.hidden = false;
   document.documentElement.toggleAttribute("data-lost", true);
+  works.lost();
   const long = performance.now() - now.since > LONG;
   const stranger =
     "The server was started anew and does not know this browser: open the address that it printed; your work is found there.";

@@ -26,6 +26,12 @@ export function session(): string {
   return fresh;
 }
 
+// Show the work of another session in this tab.
+export function take(name: string): void {
+  sessionStorage.setItem(KEY, name);
+  location.reload();
+}
+
 // The address of a result of this session.
 export function result(name: string): string {
   return `/file/${encodeURIComponent(name)}?session=${encodeURIComponent(session())}`;

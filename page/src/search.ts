@@ -110,7 +110,8 @@ export class Search {
       if (each.hidden || each.closest("#notices, #works, #works-list, dialog")) continue;
       const view = each.closest<HTMLElement>('[role="tabpanel"]')?.id.replace("room-", "") ?? "";
       const name = called(each);
-      if (name && has(`${name} ${each.title}`, words)) found.push(place(name, "on the page", each.title, view, `#${CSS.escape(each.id)}`));
+      if (name && has(`${name} ${each.title}`, words))
+        found.push(place(name, "on the page", each.title, view, `#${CSS.escape(each.id)}`));
     }
     return found.slice(0, OWN);
   }
@@ -118,12 +119,21 @@ export class Search {
   private draw(): void {
     const own = this.own();
     const known = new Set(own.map((each) => each.element || each.view));
-    const titled = this.theirs.map((each) => (each.kind === "view" ? { ...each, title: this.titles.get(each.view) ?? "" } : each));
+    const titled = this.theirs.map((each) =>
+      each.kind === "view" ? { ...each, title: this.titles.get(each.view) ?? "" } : each,
+    );
     // a parameter or figure of that name before the buttons
     const first = titled.filter((each) => ["parameter", "figure", "limit"].includes(each.kind));
-    const rest = titled.filter((each) => !first.includes(each) && !known.has(each.kind === "view" ? each.view : each.element || "-"));
-    const elements = new Set(first.map((each) => each.element));
-    this.places = [...first, ...own.filter((each) => !elements.has(each.element) || !each.element), ...rest];
+    const rest = titled.filter(
+      (each) => !first.includes(each) && !known.has(each.kind === "view" ? each.view : each.element || "-"),
+    );
+    const elements = new Set([...first, ...titled.filter((each) => each.kind === "picture")].map((each) => each.element));
+    const boxes = new Set([...elements].map((each) => each.replace("#picture-", "#see-"))); // where a picture is chosen
+    this.places = [
+      ...first,
+      ...own.filter((each) => !each.element || !(elements.has(each.element) || boxes.has(each.element))),
+      ...rest,
+    ];
     this.at = Math.min(this.at, Math.max(0, this.places.length - 1));
     const empty = this.field.value.trim().length > 1 && !this.places.length;
     this.said.textContent = empty ? "Nothing is called so; try another word of the trade." : "";
@@ -175,7 +185,9 @@ export class Search {
   private read({ title, page, parts }: Reading): void {
     this.list.hidden = true;
     this.text.hidden = false;
-    const lines = parts.map(({ kind, text }) => make(kind === "code" ? "pre" : "p", kind === "row" ? { class: "row" } : {}, text));
+    const lines = parts.map(({ kind, text }) =>
+      make(kind === "code" ? "pre" : "p", kind === "row" ? { class: "row" } : {}, text),
+    );
     this.text.replaceChildren(make("h2", {}, title), make("p", { class: "meaning" }, `docs/${page}.md`), ...lines);
     this.text.scrollTop = 0;
     this.text.focus();
@@ -201,7 +213,9 @@ function called(element: HTMLElement): string {
 async function focus({ view, element }: Place): Promise<void> {
   for (let tried = 0; tried < TRIES; tried++) {
     const panel = view ? document.getElementById(`room-${view}`) : document.body;
-    const found = element ? document.querySelector<HTMLElement>(element) : panel?.querySelector<HTMLElement>("button, input, select");
+    const found = element
+      ? document.querySelector<HTMLElement>(element)
+      : panel?.querySelector<HTMLElement>("button, input, select");
     if (found && found.getClientRects().length) {
       const inside = 'button:not(:disabled), input:not(:disabled), select, [tabindex="0"]';
       const target = found.matches("button, input, select, [tabindex]") ? found : found.querySelector<HTMLElement>(inside);

@@ -32,6 +32,7 @@ export class Works {
   private job: Job | null = null;
   private work: Work | null = null;
   private open = "";
+  private unknown = false;
   private heard = 0; // performance.now() of the last word of the job
   private shown = "";
   private closed = ""; // the ended work that somebody has read
@@ -61,6 +62,12 @@ export class Works {
     this.place();
   }
 
+  // Without a server nobody knows how its work stands.
+  lost(): void {
+    this.unknown = true;
+    this.told();
+  }
+
   // Whether a job is running that Esc may cancel.
   get runs(): boolean {
     return this.job?.state === "waiting" || this.job?.state === "running";
@@ -75,8 +82,14 @@ export class Works {
   }
 
   show(job: Job | undefined, work: Work | undefined): void {
+    this.unknown = false;
     if (work) this.listed(work);
-    if (!job) return this.told();
+    if (!job) {
+      // the server has none: another one ended with its work
+      if (work) this.job = null;
+      this.place();
+      return this.told();
+    }
     this.job = job;
     this.heard = performance.now();
     const going = this.runs;
@@ -114,6 +127,7 @@ export class Works {
   }
 
   private time(job: Job): string {
+    if (this.unknown) return "disconnected";
     const since = (performance.now() - this.heard) / 1000;
     const left = job.left === null ? 0 : job.left - since;
     return `${seconds(job.seconds + since)}${left > NEAR ? `, about ${seconds(left)} left of this step` : ""}`;
@@ -125,7 +139,7 @@ export class Works {
     const waiting = work?.queue.length ?? 0;
     const off = work?.broken_off.length ?? 0;
     this.bar.hidden = !this.runs && !waiting && !off;
-    this.cancel.hidden = !this.runs;
+    this.cancel.hidden = !this.runs || this.unknown;
     if (this.bar.hidden) return void (this.list.hidden = true);
     const behind = waiting ? `, ${waiting} waiting` : "";
     const name = job && this.runs ? `${this.titles.get(job.room) ?? job.what}` : "";
@@ -158,7 +172,12 @@ export class Works {
 
   private rows(tasks: Task[], buttons: (task: Task, place: number) => HTMLElement[]): HTMLElement {
     const row = (task: Task, i: number) =>
-      make("li", {}, make("span", {}, `${this.titles.get(task.room) ?? task.room}: ${task.what}`), ...buttons(task, i));
+      make(
+        "li",
+        {},
+        make("span", {}, make("small", {}, this.titles.get(task.room) ?? task.room), ` ${task.what}`),
+        ...buttons(task, i),
+      );
     return make("ol", {}, ...tasks.map(row));
   }
 

@@ -103,7 +103,22 @@ export class Numbers {
       make("b", {}, `${titled(kind)} `, at),
       ...this.tools(`${held} (${kind})`, number, false),
     );
-    const card = make("fieldset", { class: "card", "data-held": held }, legend, head, ...knobs.map((each) => this.row(each)));
+    const card = make(
+      "fieldset",
+      { class: "card", "data-held": held, tabindex: "0" },
+      legend,
+      head,
+      ...knobs.map((each) => this.row(each)),
+    );
+    card.addEventListener("keydown", (event) => {
+      if (event.target !== card || event.ctrlKey || event.altKey || event.metaKey) return;
+      const act = { " ": () => this.filters.switched(number, false), Delete: () => this.filters.removed(number, false) }[
+        event.key
+      ];
+      if (!act) return;
+      event.preventDefault();
+      act();
+    });
     const first = knobs.find((each) => each.dragged);
     card.addEventListener("filled", () => {
       if (first) at.textContent = `${written(first, this.last[first.name] ?? first.today)} ${first.unit}`;

@@ -4,8 +4,8 @@ import { numberOf } from "../controls/field";
 import { whenPainted } from "../pictures/look";
 import { button, choice, make, renew } from "../parts";
 import { Report, tables, type Result, type Table } from "../result";
-import { session, type Ask, type Room } from "../room";
-import type { Received } from "../wire";
+import { session, take, type Ask, type Room } from "../room";
+import type { Job, Received } from "../wire";
 import { Check, type Checked } from "./check";
 import { ColumnTable, type Column } from "./columns";
 
@@ -35,6 +35,13 @@ interface Words {
   made: (Result & { of: string; machine: boolean }) | null;
   ask_axis?: { name: string; axes: string[] };
   go?: string;
+  earlier: Earlier[];
+}
+interface Earlier {
+  page: string;
+  title: string;
+  steps: number;
+  when: number; // s since 1970
 }
 
 export class Bring implements Room {
@@ -52,10 +59,13 @@ export class Bring implements Room {
   private readonly fields = make("div");
   private readonly outcome = make("section", { "aria-label": "Result", tabindex: "-1" });
   private readonly tour = make("p", {});
+  private readonly before = make("div", { class: "buttons" });
   private readonly report = new Report("picture-made");
   private readonly given = new Map<string, string>(); // what a person wrote into the fields, by file and field
   private last: Received | null = null;
   private refusals = 0;
+  private sending: string[] = []; // files that are sent, the first one now
+  private reading = ""; // the file that is being read
   private results = ""; // the result that is shown
 
   constructor(private readonly ask: Ask) {
@@ -81,6 +91,7 @@ export class Bring implements Room {
         { class: "begin" },
         make("section", { "aria-label": "Files" }, this.place, this.wrong, this.list),
         make("section", { "aria-label": "Example machines" }, make("h2", {}, "Example machines"), this.bundled, this.tour),
+        make("section", { "aria-label": "Earlier work" }, make("h2", {}, "Earlier work"), this.before),
       ),
       this.detail,
       this.outcome,
@@ -98,8 +109,10 @@ export class Bring implements Room {
     this.last = received;
     this.tour.hidden = !words.offers_tour;
     renew(this.bundled, [words.bundled, words.ask_axis], () => this.begins(words));
-    const { made, files, bundled, open, queue, start_from } = words;
-    renew(this.list, [files.map(({ name, kind, wrong }) => [name, kind, wrong]), open, queue], () => this.listed(words));
+    const { made, files, bundled, open, queue, start_from, earlier } = words;
+    renew(this.before, earlier, () => earlier.map((each) => this.resumed(each)));
+    this.before.closest("section")!.hidden = !earlier.length;
+    this.files();
     const file = files.find((each) => each.name === open);
     const shown = file && !file.wrong ? file : undefined;
     renew(this.head, [file?.name, file?.kind, file?.wrong, words.axes, words.axis], () => (file ? this.headed(file, words) : []));
@@ -130,6 +143,20 @@ export class Bring implements Room {
     this.draw();
   }
 
+  worked({ room, state, step }: Job): void {
+    const read = room === this.name && state === "running" && step.startsWith("reading ") ? step.slice(8) : "";
+    if (read === this.reading) return;
+    this.reading = read;
+    this.files();
+  }
+
+  private files(): void {
+    const words = this.last?.said as unknown as Words | undefined;
+    const [files, open, queue] = [words?.files ?? [], words?.open ?? "", words?.queue ?? []];
+    const from = [files.map(({ name, kind, wrong }) => [name, kind, wrong]), open, queue, this.sending, this.reading];
+    renew(this.list, from, () => this.listed(files, open, queue));
+  }
+
   private begins({ bundled, ask_axis }: Words): HTMLElement[] {
     const buttons: HTMLElement[] = bundled.map((name) =>
       button(name.replaceAll("_", " "), () => this.ask({ do: "bring.bundled", name }), { id: `bundled-${name}` }),
@@ -144,12 +171,22 @@ export class Bring implements Room {
     ];
   }
 
-  private listed({ files, open, queue }: Words): HTMLElement[] {
+  // Work of an earlier run of the server, or of a page that was closed.
+  private resumed({ page, title, steps, when }: Earlier): HTMLElement {
+    const said = `${title || "files without an axis"}, ${steps} step${steps === 1 ? "" : "s"}, ${new Date(1000 * when).toLocaleString()}`;
+    return button(said, () => take(page));
+  }
+
+  private listed(files: Brought[], open: string, queue: string[]): HTMLElement[] {
     const unread = queue.filter((name) => !files.some((each) => each.name === name));
     const rows = [...files, ...unread.map((name) => ({ name, kind: "", wrong: "" }))];
-    return rows.map(({ name, kind, wrong }) => {
+    const sent = this.sending.map((name, i) =>
+      make("li", { class: "waits" }, make("span", {}, name), make("span", {}, i ? " waits to be sent" : " is being sent")),
+    );
+    const listed = rows.map(({ name, kind, wrong }) => {
       const place = queue.indexOf(name);
-      const said = wrong ? `cannot be used: ${wrong}` : place < 0 ? kind : waits(kind, place, queue.length);
+      const waiting = name === this.reading && !kind ? "is being read" : waits(kind, place, queue.length);
+      const said = wrong ? `cannot be used: ${wrong}` : place < 0 ? kind : waiting;
       const item = make("li", place < 0 ? {} : { class: "waits" });
       item.append(
         kind
@@ -160,6 +197,7 @@ export class Bring implements Room {
       );
       return item;
     });
+    return [...listed, ...sent];
   }
 
   private draw(): void {
@@ -171,7 +209,9 @@ export class Bring implements Room {
   private async bring(files: File[]): Promise<void> {
     this.wrong.replaceChildren();
     const names: string[] = [];
+    this.sending.push(...files.map((each) => each.name));
     for (const file of files) {
+      this.files();
       const where = `/upload?session=${encodeURIComponent(session())}&name=${encodeURIComponent(file.name)}`;
       try {
         const may = await fetch(`${where}&ask=${file.size}`, { method: "POST" });
@@ -182,7 +222,9 @@ export class Bring implements Room {
       } catch {
         this.refuse(file.name, "could not be sent: the server has ended, or the file was changed meanwhile");
       }
+      this.sending.splice(this.sending.indexOf(file.name), 1);
     }
+    this.files();
     if (names.length) this.ask({ do: "bring.look", names });
   }
 

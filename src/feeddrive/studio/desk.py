@@ -287,6 +287,7 @@ class Desk:
     closing   functions that are called at the end of the session
     left      functions that are called with the page whose connection has ended
     closed    True once the session has ended
+    earlier   returns the work of other pages that may be opened again
     done      steps completed on the page, for all sources
     queue     jobs that wait for their turn, the next one first
     broken_off  jobs that the end of the server interrupted, and that may go on
@@ -336,6 +337,7 @@ class Desk:
         self.watched: Callable[[], bool] = lambda: True  # set by the session: whether a page is open
         self.tell: Callable[[str], None] = lambda _: None  # set by the session: show a room again
         self.left: list[Callable[[object], None]] = []
+        self.earlier: Callable[[], list[dict[str, Any]]] = list  # set by the server: work that may be opened again
         self.begun: Callable[
             [str, str, Callable[[Progress], Any], Callable[[Any], None], Callable[[Found], None], float], Job
         ]

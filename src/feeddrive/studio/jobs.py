@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 Work = Callable[[Progress], Any]
 WAITING, RUNNING, DONE, FAILED, CANCELLED = "waiting", "running", "done", "failed", "canceled"
 _OFTEN = 0.05  # s between two reports of a step
+_COUNTED, _WATCHED = 3, 2.0  # counts and s of a step after which its rest is extrapolated
 _DRAWN = 0.2  # s between two reports of what is best so far
 _PATIENCE = 1.5  # s in which canceled work may end by itself
 _ASKED = 0.01  # s between two looks whether the work was canceled
@@ -81,6 +82,7 @@ class JobState:
     remarks      remarks so far
     error        reason for a failure
     question     the question for whose answer it waits
+    left         s that the rest of a counted step will take if it goes on at the same rate; None if nobody can tell
     """
 
     room: str
@@ -93,6 +95,7 @@ class JobState:
     error: str = ""
     seconds: float = 0.0
     question: Question | None = None
+    left: float | None = None
 
     @property
     def going(self) -> bool:
@@ -135,6 +138,7 @@ class Job:
         self._stop = threading.Event()
         self._over = threading.Event()
         self._begun = time.monotonic()
+        self._counted: tuple[object, int, float] = (None, 0, 0.0)  # a step, its first count and the time of that
         self._process: Any = None
         self._pipe: Connection | None = None
         self._thread = threading.Thread(target=self._follow, daemon=True)
@@ -254,11 +258,22 @@ class Job:
                 ours.close()
             process.join()
 
+    def _left(self, step: str, done: int | None, of: int | None) -> float | None:
+        """Return how long the rest of a counted step will take at the rate so far, s; None if too little is done."""
+        known, first, since = self._counted
+        now = time.monotonic()
+        if done is None or not of or known != (step, of) or done < first:
+            self._counted = ((step, of), done or 0, now)
+            return None
+        if done - first < _COUNTED or now - since < _WATCHED:
+            return None
+        return (of - done) * (now - since) / (done - first)
+
     def _take(self, kind: str, *payload: Any) -> bool:
         """Handle one report; return False after the last one."""
         if kind == "step":
             step, done, of = payload
-            self._say(step=step, done=done, of=of)
+            self._say(step=step, done=done, of=of, left=self._left(step, done, of))
         elif kind == "remark":
             self._say(remarks=(*self.state.remarks, payload[0]))
         elif kind == "found":

@@ -584,6 +584,7 @@ PAGE = Path(__file__).parent / "page"  # built from the TypeScript in `page/` of
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".txt": "text/plain"}
 _SESSIONS = 64  # pages whose state is kept, the latest
 _LARGEST = 64_000  # bytes of a request of the page
+_EARLIER = 5  # earlier works that are offered
 _KEY = 64  # characters of the name of a session
 _WHOLE = re.compile(r"[0-9]{1,18}")
 
@@ -623,7 +624,11 @@ def make_app(
         own = kept_folder(folder, name)
         if own is None:
             own = Path(tempfile.mkdtemp(prefix=time.strftime("%Y-%m-%d_%H%M%S_"), dir=folder))
-        return Session(own, bench, brought, live, drives, tour=tour, name=name)
+        session = Session(own, bench, brought, live, drives, tour=tour, name=name)
+        # with a password several people may use one server
+        if not door.password:
+            session.desk.earlier = lambda: earlier_work(folder, own)
+        return session
 
     sessions = Sessions(new_session)
 
@@ -744,6 +749,22 @@ def kept_folder(folder: Path, name: str) -> Path | None:
                 if read_part(part.parents[1], "page", Code())["name"] == name:
                     return part.parents[1]
     return None
+
+
+def earlier_work(folder: Path, own: Path) -> list[dict[str, Any]]:
+    """Return the latest work of pages other than that of the directory `own`: name of the page, title, steps and time.
+
+    Work without an axis and without files is left out.
+    """
+    found = list[dict[str, Any]]()
+    for part in folder.glob(f"*/{FOLDER}/page.json"):
+        with contextlib.suppress(FeeddriveError, OSError, KeyError, TypeError):
+            page = read_part(part.parents[1], "page", Code())
+            latest = max(entry.stat().st_mtime for entry in part.parent.iterdir())
+            if part.parents[1] != own and (page["title"] or page["files"]):
+                known = {"page": page["name"], "title": page["title"], "steps": page["steps"], "when": latest}
+                found.append(known)
+    return sorted(found, key=lambda work: -work["when"])[:_EARLIER]
 
 
 class Outbox:

@@ -104,6 +104,7 @@ class Bring(Room):
             "open": self.open,
             "queue": [*self.queue, *(name for name in self.unread if name not in self.queue)],
             "made": None,
+            "earlier": [] if self.files or self.unread or self.desk.bench is not None else self.desk.earlier(),
             "roles": dict(ROLES),
             "start_from": self.start_from,
             "offers_tour": not (self.files or self.unread) and self.desk.bench is None,

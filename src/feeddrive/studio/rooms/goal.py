@@ -164,7 +164,7 @@ class Goal(Room):
             self.result, self.best = shown, shown.result.control
             self.desk.did("tune", request, self._best())
 
-        self.desk.start(self.name, "tune", partial(tuned, request), then, met, begins=begins)
+        self.desk.start(self.name, "optimize", partial(tuned, request), then, met, begins=begins)
 
     @act
     def accept(self, _: Asked) -> Said:

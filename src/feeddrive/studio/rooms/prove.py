@@ -64,7 +64,7 @@ class Prove(Room):
             self.desk.did("certify", request, held.control)
             self._put("certificate", held, shown)
 
-        self.desk.start(self.name, "certify", partial(reported, "certify", request), then)
+        self.desk.start(self.name, "prove stability", partial(reported, "certify", request), then)
 
     @act
     def circle(self, asked: Asked) -> None:
