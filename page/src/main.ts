@@ -49,7 +49,9 @@ const works = new Works(ask, titles, (view, drawing, words) => {
   shape.replaceChildren(...(drawing ? [icon(drawing, { role: "img", "aria-label": words })] : []));
   shape.title = words;
 });
-const search = new Search(ask, titles, go);
+const search = new Search(ask, titles, go, () => {
+  for (const { name } of rooms) if (!seen.has(name)) ask({ do: `${name}.show` });
+});
 const tour = new Tour(ask, go);
 const error = make("p", { id: "error", role: "alert", hidden: "" });
 const lost_words = make("span", { role: "alert" });
@@ -67,6 +69,7 @@ const tabs = new Map<string, { room: Room; tab: HTMLButtonElement; panel: HTMLEl
 const LOOK = "feeddrive look";
 let epoch = -1;
 let open = "";
+const seen = new Set<string>(); // views whose content the server has sent
 let began = false;
 const LONG = 6000; // ms without a server after which it is said what to do
 let unkept = "";
@@ -211,6 +214,7 @@ function heard(received: Received, shows: boolean): void {
     epoch = said.epoch!;
     showAll();
   }
+  if (!said.error && said.room) seen.add(said.room);
   if (!said.error && said.room) tabs.get(said.room)?.room.heard(received);
   else if (said.error && said.room) tabs.get(said.room)?.room.unchanged?.();
   if (!began) {

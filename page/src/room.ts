@@ -29,6 +29,8 @@ export function session(): string {
 // Show the work of another session in this tab.
 export function take(name: string): void {
   sessionStorage.setItem(KEY, name);
+  history.replaceState(null, "", "/"); // it begins where its axis is
+  sessionStorage.removeItem("feeddrive room");
   location.reload();
 }
 

@@ -54,6 +54,7 @@ export class Search {
     private readonly ask: Ask,
     private readonly titles: ReadonlyMap<string, string>, // of the views
     private readonly go: (view: string) => void,
+    private readonly begun: () => void, // views that were not open yet show what they have
   ) {
     const keys = make("input", { type: "checkbox", id: "letters" });
     keys.checked = letters();
@@ -76,6 +77,7 @@ export class Search {
   open(): void {
     if (this.element.open) return this.field.select();
     this.element.showModal();
+    this.begun();
     this.field.select();
     this.seek();
   }

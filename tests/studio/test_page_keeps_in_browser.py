@@ -159,18 +159,6 @@ def test_files_that_are_refused_are_all_named_where_it_can_be_seen(served: Calla
     assert (page.input_value("#bring-machine"), page.input_value("#bring-lead")) == ("xy_table", "0.01")
 
 
-def test_a_server_that_has_ended_stays_said_and_one_that_is_back_does_not(served: Callable[..., Any]) -> None:
-    server = served("xy_table", "--axis", "x")
-    page = server.open().page
-    page.wait_for_selector("#verdict:not(:empty)")
-    server.server.kill()
-    page.wait_for_selector("#lost:has-text('The connection to the server was lost')")
-    page.click("#tab-bring")
-    page.wait_for_selector("#lost:has-text('The server has ended')", timeout=15_000)
-    page.click("#tab-tune")
-    assert page.locator("#lost button").is_visible()
-
-
 def test_a_connection_that_breaks_comes_back_and_keeps_what_is_being_typed(studio: Any) -> None:
     opened = studio.open()
     page = opened.page

@@ -190,7 +190,9 @@ def test_what_was_found_is_accepted_and_taken_away(begin: Callable[[str], Sessio
     assert job["machine"]
 
 
-def test_a_search_waits_for_another_work_and_what_was_found_stays_until_it_begins(begin: Callable[[str], Session]) -> None:
+def test_a_search_waits_for_another_work_and_what_was_found_stays_until_it_begins(
+    begin: Callable[[str], Session],
+) -> None:
     session = begin("linear_motor")
     do(session, "goal.set", field="starts", value="1")
     do(session, "goal.tune")

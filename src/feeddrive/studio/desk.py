@@ -337,6 +337,7 @@ class Desk:
         self.watched: Callable[[], bool] = lambda: True  # set by the session: whether a page is open
         self.tell: Callable[[str], None] = lambda _: None  # set by the session: show a room again
         self.left: list[Callable[[object], None]] = []
+        self.pages: Callable[[], list[object]] = list  # set by the session: the connections of its pages
         self.earlier: Callable[[], list[dict[str, Any]]] = list  # set by the server: work that may be opened again
         self.begun: Callable[
             [str, str, Callable[[Progress], Any], Callable[[Any], None], Callable[[Found], None], float], Job

@@ -24,7 +24,7 @@ class History:
     def steps(self, units: Units) -> list[dict[str, Any]]:
         """Return the last steps, those that were undone first, then the present one and those before it.
 
-        text   what the step changed
+        text   what the step changed; a step of another page that is still open says so
         steps  how many steps to undo to get there; negative: to redo
         """
         desk, here = self.desk, self.desk.held()
@@ -34,8 +34,18 @@ class History:
         words = {(before, after, units): self._known.get((before, after, units)) for before, after, _ in pairs}
         told = {key: step_words(*key) if text is None else text for key, text in words.items()}
         self._known = {key: text for key, text in told.items() if here not in key}
-        rows = [{"text": told[before, after, units], "steps": count} for before, after, count in pairs]
+        rows = [
+            {"text": told[before, after, units] + self._whose(after if count < 0 else before), "steps": count}
+            for before, after, count in pairs
+        ]
         return [*rows, {"text": "Beginning", "steps": len(desk.undo)}] if len(desk.undo) <= SHOWN else rows
+
+    def _whose(self, left: Held) -> str:
+        """Return a remark for a step of another page than the one that asks; `left`: the controller that it left."""
+        by, author = self.desk.by(left), self.desk.author
+        return (
+            ", in another page" if author is not None and by not in (None, author) and by in self.desk.pages() else ""
+        )
 
 
 def step_words(before: Held, after: Held, units: Units) -> str:

@@ -20,7 +20,7 @@ import struct
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ from feeddrive.language.quantity import number
 from feeddrive.language.text import plain
 from feeddrive.plot.chart import Band, Chart, Curve, Level, Mark, Panel
 from feeddrive.plot.style import POINTS, envelope
-from feeddrive.studio.bench import Bench, Opened, opened_again
+from feeddrive.studio.bench import Bench, opened_again
 from feeddrive.studio.desk import Asked, Desk, Room, Said, Task
 from feeddrive.studio.jobs import DONE, FAILED, Found, Job, JobState, Work, fault
 from feeddrive.studio.live import Followable
@@ -249,6 +249,7 @@ class Session:
         self._pushes = list[tuple[Push, object]]()
         self._windows: dict[tuple[object, str, str], Window] = {}  # by page, room and label of x
         self.desk.watched = lambda: self.heard
+        self.desk.pages = lambda: [page for _, page in self._pushes]
         # re-entrant: an action may push the state of another room
         self._lock = threading.RLock()
         self._name, self._lost = name, list[str]()
@@ -459,9 +460,7 @@ class Session:
         for name in changed:
             self.push(name)
 
-    def _message(
-        self, number: int, room: str, answer: Said, job: JobState | None = None, page: object = None
-    ) -> bytes:
+    def _message(self, number: int, room: str, answer: Said, job: JobState | None = None, page: object = None) -> bytes:
         bench = self.desk.bench
         words: dict[str, Any] = {
             "number": number,
@@ -740,15 +739,19 @@ class Sessions:
 
 def kept_folder(folder: Path, name: str) -> Path | None:
     """Return the directory in which a page of this name kept its work; None if there is none."""
-    if not name:
-        return None
+    return next((own for own, page in _kept_pages(folder) if name and page["name"] == name), None)
+
+
+def _kept_pages(folder: Path) -> Iterator[tuple[Path, Mapping[str, Any]]]:
+    """Yield the directories in which pages kept their work, with what identifies it."""
     for part in folder.glob(f"*/{FOLDER}/page.json"):
         # a symbolic link could lead to a directory of somebody else
-        if not (part.is_symlink() or part.parent.is_symlink() or part.parents[1].is_symlink()):
-            with contextlib.suppress(FeeddriveError):
-                if read_part(part.parents[1], "page", Code())["name"] == name:
-                    return part.parents[1]
-    return None
+        if part.is_symlink() or part.parent.is_symlink() or part.parents[1].is_symlink():
+            continue
+        with contextlib.suppress(FeeddriveError):
+            page = read_part(part.parents[1], "page", Code())
+            if isinstance(page, dict) and isinstance(page.get("name"), str):
+                yield part.parents[1], page
 
 
 def earlier_work(folder: Path, own: Path) -> list[dict[str, Any]]:
@@ -757,13 +760,11 @@ def earlier_work(folder: Path, own: Path) -> list[dict[str, Any]]:
     Work without an axis and without files is left out.
     """
     found = list[dict[str, Any]]()
-    for part in folder.glob(f"*/{FOLDER}/page.json"):
-        with contextlib.suppress(FeeddriveError, OSError, KeyError, TypeError):
-            page = read_part(part.parents[1], "page", Code())
-            latest = max(entry.stat().st_mtime for entry in part.parent.iterdir())
-            if part.parents[1] != own and (page["title"] or page["files"]):
-                known = {"page": page["name"], "title": page["title"], "steps": page["steps"], "when": latest}
-                found.append(known)
+    for directory, page in _kept_pages(folder):
+        if directory != own and (page["title"] or page["files"]):
+            latest = max(entry.stat().st_mtime for entry in (directory / FOLDER).iterdir())
+            known = {"page": page["name"], "title": page["title"], "steps": page["steps"], "when": latest}
+            found.append(known)
     return sorted(found, key=lambda work: -work["when"])[:_EARLIER]
 
 

@@ -23,6 +23,7 @@ import numpy as np
 
 from feeddrive.blocks.catalogue import catalogue
 from feeddrive.files.atomic_io import write_whole
+from feeddrive.language.block import Block
 from feeddrive.language.errors import FeeddriveError, FileError
 from feeddrive.version import __version__
 
@@ -44,6 +45,7 @@ class Code:
         self._held, self._restore = held, restore
         # frozen values that are compared by identity, such as the steps of the history, are written once
         self._known = WeakKeyDictionary[Any, Any]()
+        self._blocks = dict[str, Block]()
 
     def data(self, value: Any) -> Any:
         """Return JSON data. Raises TypeError for a value that has no fields, such as a function."""
@@ -87,7 +89,10 @@ class Code:
         once = kind.__hash__ is object.__hash__
         if once and value in self._known:
             return self._known[value]
-        found = {"kind": f"{kind.__module__}:{kind.__qualname__}", "has": {n: self.data(getattr(value, n)) for n in names}}
+        found = {
+            "kind": f"{kind.__module__}:{kind.__qualname__}",
+            "has": {n: self.data(getattr(value, n)) for n in names},
+        }
         if once:
             self._known[value] = found
         return found
@@ -116,14 +121,23 @@ class Code:
             case {"held": found}:
                 return self._restore(found)
             case {"kind": kind, "has": has}:
-                return _made(kind, {name: self.value(each) for name, each in has.items()})
+                return self._block(kind, has)
             case _:
                 raise FileError(f"holds what is no value: {', '.join(map(str, data)):.60}")
 
+    def _block(self, kind: str, has: dict[str, Any]) -> Any:
+        """Make a value from its fields; blocks, which are told apart by identity, are one where they were one."""
+        cls = _class(kind)
+        if not issubclass(cls, Block):
+            return _made(cls, {name: self.value(each) for name, each in has.items()})
+        key = json.dumps([kind, has])
+        if key not in self._blocks:
+            self._blocks[key] = _made(cls, {name: self.value(each) for name, each in has.items()})
+        return self._blocks[key]
 
-def _made(kind: str, has: dict[str, Any]) -> Any:
+
+def _made(cls: type[Any], has: dict[str, Any]) -> Any:
     """Make a value from its fields."""
-    cls = _class(kind)
     if is_dataclass(cls) and not cls.__dataclass_params__.init:  # type: ignore[attr-defined]
         made = object.__new__(cls)
         for name, value in has.items():

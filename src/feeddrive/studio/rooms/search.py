@@ -166,7 +166,9 @@ class Search(Room):
     def find(self, asked: Asked) -> Said:
         """Return the places that fit a text best."""
         text = asked.text("text")[:80]
-        return Said({"found": [asdict(replace(place, words="")) for place in found(text, self._places())], "sought": text})
+        return Said(
+            {"found": [asdict(replace(place, words="")) for place in found(text, self._places())], "sought": text}
+        )
 
     @look
     def read(self, asked: Asked) -> Said:
@@ -255,9 +257,7 @@ def _paragraphs(lines: tuple[str, ...]) -> list[dict[str, str]]:
         if line.lstrip().startswith("```"):
             end("code" if code else "text")
             code = not code
-        elif code:
-            block.append(line)
-        elif line.startswith("    ") and (not block or block[-1].startswith("    ")):
+        elif code or (line.startswith("    ") and (not block or block[-1].startswith("    "))):
             block.append(line)
         elif line.startswith("|"):
             cells = [_bare(cell) for cell in re.split(r"(?<!\\)\|", line)[1:-1]]

@@ -1,0 +1,73 @@
+"""The search of the studio: the words of the trade lead to views, figures, parameters and documentation."""
+
+from __future__ import annotations
+
+import pytest
+
+from feeddrive.language.errors import ParameterError
+from feeddrive.studio.bench import bench_of
+from feeddrive.studio.desk import Asked, Desk
+from feeddrive.studio.rooms.search import Place, Search, documents, found, standing_places, trade_words
+
+
+@pytest.fixture(scope="module")
+def search(tmp_path_factory: pytest.TempPathFactory) -> Search:
+    desk = Desk(tmp_path_factory.mktemp("page"))
+    desk.bench = bench_of("ball_screw")
+    return Search(desk)
+
+
+def sought(search: Search, text: str) -> list[Place]:
+    return found(text, search._places())
+
+
+@pytest.mark.parametrize(
+    ("text", "title", "kind"),
+    [
+        ("rope snap", "Rope-snap error", "figure"),
+        ("GSV", "Kv", "parameter"),
+        ("MD32200", "Kv", "parameter"),
+        ("servo gain", "Kv", "parameter"),
+        ("Nachstellzeit", "Tn", "parameter"),
+        ("lag", "Following error", "picture"),
+        ("notch", "Add a filter: notch", "action"),
+        ("Ms", "Ms", "figure"),
+        ("delay marg", "Delay margin", "figure"),
+        ("ball bar", "Circle test", "documentation"),
+        ("lost motion", "Pitch errors and backlash", "documentation"),
+        ("autotune", "Goal", "limit"),
+        ("feeddrive identify", "feeddrive identify", "command"),
+    ],
+)
+def test_words_of_the_trade_lead_to_the_place(search: Search, text: str, title: str, kind: str) -> None:
+    assert (title, kind) in [(place.title, place.kind) for place in sought(search, text)[:3]]
+
+
+def test_each_word_of_the_glossary_leads_somewhere(search: Search) -> None:
+    assert len(trade_words()) > 50
+    assert [word for word, _ in trade_words() if not sought(search, word)] == []
+    assert [name for _, own in trade_words() for name in own if not sought(search, name)] == []
+
+
+def test_the_typed_word_comes_before_its_synonyms_and_all_words_before_some(search: Search) -> None:
+    # `lag` is a parameter of the drive as well
+    assert sought(search, "lag")[0].title == "lag"
+    both = sought(search, "gain margin")
+    assert both[0].title == "Gain margin"
+    assert sought(search, "gain nonsense") != []
+    assert sought(search, "xyzzy nonsense") == []
+    assert sought(search, "x") == []
+
+
+def test_every_page_of_the_documentation_can_be_read(search: Search) -> None:
+    assert {"studio", "GLOSSARY", "tuning"} <= documents().keys()
+    for place in standing_places():
+        if place.page:
+            said = search.read(Asked({"page": place.page, "heading": place.heading})).words["reading"]
+            if place.kind == "documentation":
+                assert said["title"] == place.title
+    said = search.read(Asked({"page": "GLOSSARY", "heading": "Suffixes"})).words["reading"]
+    assert said["parts"][0] == {"kind": "row", "text": "suffix · meaning"}
+    assert not any("`" in part["text"] or "](" in part["text"] for part in said["parts"])
+    with pytest.raises(ParameterError, match="there is no page"):
+        search.read(Asked({"page": "../../etc/passwd", "heading": ""}))
