@@ -190,7 +190,11 @@ export class Search {
     const lines = parts.map(({ kind, text }) =>
       make(kind === "code" ? "pre" : "p", kind === "row" ? { class: "row" } : {}, text),
     );
-    this.text.replaceChildren(make("h2", {}, title), make("p", { class: "meaning" }, `docs/${page}.md`), ...lines);
+    this.text.replaceChildren(
+      make("h2", {}, title),
+      ...(page ? [make("p", { class: "meaning" }, `docs/${page}.md`)] : []),
+      ...lines,
+    );
     this.text.scrollTop = 0;
     this.text.focus();
   }

@@ -66,6 +66,9 @@ def test_every_page_of_the_documentation_can_be_read(search: Search) -> None:
             said = search.read(Asked({"page": place.page, "heading": place.heading})).words["reading"]
             if place.kind == "documentation":
                 assert said["title"] == place.title
+    said = search.read(Asked({"page": "command:circle", "heading": ""})).words["reading"]
+    assert said["parts"][1]["text"].startswith("feeddrive circle ")
+    assert any(part["text"].startswith("--radius · mm · ") for part in said["parts"])
     said = search.read(Asked({"page": "GLOSSARY", "heading": "Suffixes"})).words["reading"]
     assert said["parts"][0] == {"kind": "row", "text": "suffix · meaning"}
     assert not any("`" in part["text"] or "](" in part["text"] for part in said["parts"])

@@ -179,8 +179,8 @@ def test_a_place_is_found_by_the_words_of_the_trade_and_by_keys_alone(opened: An
     chosen = page.locator("#search-found [aria-selected=true]")
     assert page.get_attribute("#search-field", "aria-activedescendant") == chosen.get_attribute("id")
     page.keyboard.press("Escape")
-    assert find("ISO 230-4 circle test") == "search-text"  # is read in place
-    assert "circle_test gives the quantities" in page.inner_text("#search-text")
+    assert find("pitch errors and backlash") == "search-text"  # is read in place
+    assert "docs/machining.md" in page.inner_text("#search-text")
     page.keyboard.press("Escape")
     assert page.locator("#search").is_hidden()
     assert opened.said == []

@@ -22,10 +22,11 @@ from feeddrive.studio.pictures import PICTURES
 from feeddrive.studio.rooms.goal import FIELDS, WORDS
 from feeddrive.studio.strip import GAUGES
 from feeddrive.tuning.filters import filter_kinds
-from feeddrive.workflow.command import COMMANDS
+from feeddrive.workflow.command import COMMANDS, fields_of, load
 
 _PAGE, _CLONE = Path(__file__).parents[1] / "page" / "docs", Path(__file__).parents[4]
 _MOST = 12  # results
+_COMMAND = "command:"  # before the name of a command in place of a page
 _TRADE = "Words of the trade"  # heading in the glossary
 _SHORTEST = 2  # characters of a word that is looked for
 _PREFIX = 3  # characters from which the beginning of a word of the trade is enough
@@ -134,7 +135,7 @@ def _standing() -> Iterator[Place]:
     for target in TARGETS:
         yield Place(f"Export: {target}", "action", "", "take", f"#take-export-{target}")
     for name, listed in COMMANDS.items():
-        yield Place(f"feeddrive {name}", "command", listed.summary, page=_page_of(name))
+        yield Place(f"feeddrive {name}", "command", listed.summary, page=_COMMAND + name)
     for page in documents():
         title, *rest = _sections(page) or (_Section(page, ()),)
         yield Place(title.heading, "documentation", "", page=page)
@@ -153,8 +154,17 @@ def _first(what: Any) -> str:
     return " ".join((inspect.getdoc(what) or "").partition("\n\n")[0].split())
 
 
-def _page_of(command: str) -> str:
-    return next((page for page in (command, "tuning", "index") if page in documents()), "")
+def _command_parts(name: str) -> list[dict[str, str]]:
+    """Return what a command does, examples, and its options with their defaults."""
+    listed, request = COMMANDS[name], load(name).request
+    lines = "\n".join(f"feeddrive {name} {words}" for words in listed.examples)
+    parts = [{"kind": "text", "text": listed.summary}, {"kind": "code", "text": lines}]
+    for field in fields_of(request):
+        unit, default = field.declared.unit, field.default
+        usual = "" if field.required or default in (None, "", (), False) else f"default {default}"
+        words = (field.flag or field.name.upper(), unit, field.declared.meaning, usual)
+        parts.append({"kind": "row", "text": plain(" · ".join(filter(None, words)))})
+    return [part for part in parts if part["text"]]
 
 
 class Search(Room):
@@ -174,6 +184,10 @@ class Search(Room):
     def read(self, asked: Asked) -> Said:
         """Return a section of the documentation, or the beginning of a page."""
         page = asked.text("page")
+        command = page.removeprefix(_COMMAND)
+        if page.startswith(_COMMAND) and command in COMMANDS:
+            title = f"feeddrive {command}"
+            return Said({"reading": {"title": title, "page": "", "parts": _command_parts(command)}})
         if page not in documents():
             raise ParameterError(f"there is no page '{page:.60}' in the documentation")
         heading = asked.text("heading")
