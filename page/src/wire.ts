@@ -112,7 +112,7 @@ export interface Job {
   error: string;
   seconds: number;
   question: Question | null;
-  left: number | null; // s of the step that is counted, extrapolated
+  left: number | null; // s for the rest of what is counted, at the rate so far
 }
 export interface Task {
   number: number;

@@ -130,7 +130,7 @@ export class Works {
     if (this.unknown) return "disconnected";
     const since = (performance.now() - this.heard) / 1000;
     const left = job.left === null ? 0 : job.left - since;
-    return `${seconds(job.seconds + since)}${left > NEAR ? `, about ${seconds(left)} left of this step` : ""}`;
+    return `${seconds(job.seconds + since)}${left > NEAR ? `, about ${seconds(left)} left at this rate` : ""}`;
   }
 
   // The chip of the top bar.

@@ -129,3 +129,27 @@ def test_what_goes_wrong_is_said_and_the_page_goes_on(session: Session, work: An
     assert said in state.error
     assert not ended
     assert run(session, partial(counted, 1))[1] == [1]
+
+
+def steady(of: int, progress: Progress) -> None:
+    for i in range(of):
+        progress.step(f"part {i}", i, of)  # each has a name of its own
+        time.sleep(0.1)
+
+
+def test_the_rest_of_what_is_counted_is_extrapolated_and_nothing_else(session: Session) -> None:
+    """At 10 counts a second the end is foretold to a third; on a machine at rest to some percent."""
+    said = list[tuple[float, float]]()
+    session.desk.start("goal", "the work", partial(steady, 40), lambda _: None)
+    job = session.desk.job
+    assert job is not None
+    while job.state.going:
+        if job.state.left is not None:
+            said.append((time.monotonic(), job.state.left))
+        time.sleep(0.05)
+    end = time.monotonic()
+    assert said
+    first, left = said[0]
+    assert left == pytest.approx(end - first, rel=1 / 3)
+    assert left <= 2.5  # nothing is said in the first 2 s
+    assert run(session, partial(counted, 2))[0].job_state().left is None  # type: ignore[union-attr]

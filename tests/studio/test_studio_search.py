@@ -18,7 +18,7 @@ def search(tmp_path_factory: pytest.TempPathFactory) -> Search:
 
 
 def sought(search: Search, text: str) -> list[Place]:
-    return found(text, search._places())
+    return found(text, search.places())
 
 
 @pytest.mark.parametrize(

@@ -61,8 +61,8 @@ def endless(progress: Progress) -> None:
 
 def killed(session: Session) -> None:
     """What a page keeps is written, and its server ends without another word."""
-    session._keeper.write()
-    session._keeper.end()
+    session.keeper.write()
+    session.keeper.end()
     session.desk.close()
 
 
@@ -136,8 +136,8 @@ def test_a_server_that_begins_anew_finds_the_work_again(bench: Bench, begin: Cal
     assert after["tune"]["undo"] == 4
     # the steps before the restart are undone as ever, and the control that was proven is known as it
     for _ in range(4):
-        last = ask(again, "tune.undo")
-    assert last["values"] == bench.by_hand.values
+        ask(again, "tune.undo")
+    assert again.desk.values == bench.by_hand.values
     assert "earlier control" in " ".join(ask(again, "prove.show")["shown"]["certificate"]["said"])
 
 

@@ -1,4 +1,4 @@
-"""Work stays: through the death of the server, beside another page, and in a queue; the page is found through by keys."""
+"""Work stays: when the server dies, beside another page, and in a queue; places of the page are found by keys."""
 
 from __future__ import annotations
 

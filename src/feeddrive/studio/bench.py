@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -55,7 +55,8 @@ class Opened:
 
 def opened_again(opened: Opened) -> "Bench":
     """Return the bench of a source that was opened before. Raises the errors of `bench_of` and `bench_of_responses`."""
-    given = opened.sources
+    # on a page sources are files and names, never the objects that Python may give
+    given: Any = opened.sources
     if opened.from_machine:
         bench = bench_of(given.source, opened.axis, at=given.at)
     else:

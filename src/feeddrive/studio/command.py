@@ -19,9 +19,10 @@ import time
 import webbrowser
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from feeddrive.bus.drive_file import read_drive
 from feeddrive.evaluation.scheduler import is_loopback
@@ -265,10 +266,11 @@ def _last_door(path: Path) -> _LastDoor | None:
     try:
         if path.is_symlink() or not _private(path):
             return None
-        last = _LastDoor(**json.loads(path.read_text(encoding="utf-8")))
-        valid = isinstance(last.port, int) and isinstance(last.secret, str) and len(last.secret) >= _SECRET
-        return last if valid and 0.0 <= time.time() - last.since <= _SAME_DOOR else None
-    except (OSError, ValueError, TypeError):
+        kept: Any = json.loads(path.read_text(encoding="utf-8"))
+        last = _LastDoor(int(kept["port"]), str(kept["secret"]), float(kept["since"]))
+        valid = len(last.secret) >= _SECRET and 0.0 <= time.time() - last.since <= _SAME_DOOR
+        return last if valid else None
+    except (OSError, ValueError, TypeError, KeyError):
         return None
 
 
@@ -338,7 +340,9 @@ def serve_at(
     every = port if request.host in _EVERY else None
     hosts = tuple(f"{host_name}:{port}" for host_name in (named, "localhost", socket.gethostname()))
     # the name of the machine in the network is accepted only if others may connect
-    door = Door(hosts if password else hosts[:2], password, every, **({"secret": secret} if secret else {}))
+    door = Door(hosts if password else hosts[:2], password, every)
+    if secret:
+        door = replace(door, secret=secret)
     address, ended = f"http://{named if every is None else socket.gethostname()}:{port}/", threading.Event()
 
     def fresh(used: Callable[[], None] = lambda: None) -> str:

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 Work = Callable[[Progress], Any]
 WAITING, RUNNING, DONE, FAILED, CANCELLED = "waiting", "running", "done", "failed", "canceled"
 _OFTEN = 0.05  # s between two reports of a step
-_COUNTED, _WATCHED = 3, 2.0  # counts and s of a step after which its rest is extrapolated
+# counts, share of all of them, and s after which the rest of what is counted is extrapolated
+_COUNTED, _SHARE, _WATCHED = 3, 0.1, 2.0
 _DRAWN = 0.2  # s between two reports of what is best so far
 _PATIENCE = 1.5  # s in which canceled work may end by itself
 _ASKED = 0.01  # s between two looks whether the work was canceled
@@ -82,7 +83,7 @@ class JobState:
     remarks      remarks so far
     error        reason for a failure
     question     the question for whose answer it waits
-    left         s that the rest of a counted step will take if it goes on at the same rate; None if nobody can tell
+    left         s that the rest of what is counted takes if it goes on at the same rate; None if nobody can tell
     """
 
     room: str
@@ -138,7 +139,7 @@ class Job:
         self._stop = threading.Event()
         self._over = threading.Event()
         self._begun = time.monotonic()
-        self._counted: tuple[object, int, float] = (None, 0, 0.0)  # a step, its first count and the time of that
+        self._counted: tuple[int | None, int, float] = (None, 0, 0.0)  # a total, the first count and its time
         self._process: Any = None
         self._pipe: Connection | None = None
         self._thread = threading.Thread(target=self._follow, daemon=True)
@@ -258,14 +259,15 @@ class Job:
                 ours.close()
             process.join()
 
-    def _left(self, step: str, done: int | None, of: int | None) -> float | None:
-        """Return how long the rest of a counted step will take at the rate so far, s; None if too little is done."""
+    def _left(self, done: int | None, of: int | None) -> float | None:
+        """Return how long the rest of what is counted will take at the rate so far, s; None if too little is done."""
         known, first, since = self._counted
         now = time.monotonic()
-        if done is None or not of or known != (step, of) or done < first:
-            self._counted = ((step, of), done or 0, now)
+        # steps that count towards the same total, such as those of the laws of a comparison, are one
+        if done is None or not of or known != of or done < first:
+            self._counted = (of, done or 0, now)
             return None
-        if done - first < _COUNTED or now - since < _WATCHED:
+        if done - first < max(_COUNTED, _SHARE * of) or now - since < _WATCHED:
             return None
         return (of - done) * (now - since) / (done - first)
 
@@ -273,7 +275,7 @@ class Job:
         """Handle one report; return False after the last one."""
         if kind == "step":
             step, done, of = payload
-            self._say(step=step, done=done, of=of, left=self._left(step, done, of))
+            self._say(step=step, done=done, of=of, left=self._left(done, of))
         elif kind == "remark":
             self._say(remarks=(*self.state.remarks, payload[0]))
         elif kind == "found":

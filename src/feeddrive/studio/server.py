@@ -227,6 +227,7 @@ class Session:
     live            sources that may be followed
     drives          drive files whose drives may be moved
     tour            True to start with the guided tour
+    keeper          writes what is kept on disk
     name            name by which the page finds this session again; empty: nothing is kept
     """
 
@@ -255,7 +256,7 @@ class Session:
         self._name, self._lost = name, list[str]()
         self._benches = dict[str, Bench]()  # of the source that is open, by the data of their first controllers
         self._code = Code(self._held, self._again)
-        self._keeper = Keeper(folder, self._code, self._state)
+        self.keeper = Keeper(folder, self._code, self._state)
         known = None if not name else self._part("page")
         if known is not None:
             self._resume()
@@ -352,7 +353,7 @@ class Session:
 
     def close(self) -> None:
         """Stop all running work of the session."""
-        self._keeper.end()
+        self.keeper.end()
         self.desk.close()
 
     def _tell_others(self, page: object) -> None:
@@ -500,7 +501,7 @@ class Session:
             "marks": marks,
             "failures": failures,
             "pages": len(self._pushes),
-            "lost": [self._plain(text) for text in (*self._lost, *filter(None, [self._keeper.failed]))],
+            "lost": [self._plain(text) for text in (*self._lost, *filter(None, [self.keeper.failed]))],
         }
 
     def _plain(self, text: str) -> str:
@@ -521,14 +522,16 @@ class Session:
     def _touch(self) -> None:
         """Write what has changed to the disk, soon."""
         if self._name:
-            self._keeper.touch()
+            self.keeper.touch()
 
     def _state(self) -> dict[str, Any]:
         """Return what is kept on disk, by part."""
         with self._lock:
             desk = self.desk
             title = "" if desk.bench is None else desk.bench.title
-            parts = {"page": {"name": self._name, "title": title, "files": len(desk.files), "steps": len(desk.undo)}}
+            parts: dict[str, dict[str, Any]] = {
+                "page": {"name": self._name, "title": title, "files": len(desk.files), "steps": len(desk.undo)}
+            }
             parts["source"] = {"epoch": desk.epoch, "opened": None if desk.bench is None else desk.bench.opened}
             parts["desk"] = desk.state()
             parts |= {name: {"epoch": desk.epoch, **room.state()} for name, room in self.rooms.items()}
@@ -536,7 +539,7 @@ class Session:
 
     def _resume(self) -> None:
         """Take up what was kept on disk; what cannot be read is named, and all else goes on."""
-        source = self._part("source") or {"epoch": 0, "opened": None}
+        source: dict[str, Any] = self._part("source") or {"epoch": 0, "opened": None}
         try:
             bench = None if source["opened"] is None else opened_again(source["opened"])
         except FeeddriveError as error:

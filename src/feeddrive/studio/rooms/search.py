@@ -177,7 +177,7 @@ class Search(Room):
         """Return the places that fit a text best."""
         text = asked.text("text")[:80]
         return Said(
-            {"found": [asdict(replace(place, words="")) for place in found(text, self._places())], "sought": text}
+            {"found": [asdict(replace(place, words="")) for place in found(text, self.places())], "sought": text}
         )
 
     @look
@@ -195,7 +195,8 @@ class Search(Room):
         part = next((part for part in sections if part.heading == heading), sections[0])
         return Said({"reading": {"title": part.heading, "page": page, "parts": _paragraphs(part.lines)}})
 
-    def _places(self) -> list[Place]:
+    def places(self) -> list[Place]:
+        """Return all places, first those of the axis that is open."""
         bench = self.desk.bench
         knobs = () if bench is None else bench.by_hand.knobs
         rotary = bench is not None and bench.rotary
