@@ -178,7 +178,7 @@ def test_of_too_many_pages_the_one_left_longest_ago_is_ended_and_none_that_is_op
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(server, "_SESSIONS", 3)
-    sessions = Sessions(lambda: Session(tmp_path))
+    sessions = Sessions(lambda _: Session(tmp_path))
     opened, left, latest = (sessions.named(name) for name in ("opened", "left", "latest"))
     leave = [opened.listen(ignored)]
     left.desk.start("goal", "the work", waiting, lambda _: None)

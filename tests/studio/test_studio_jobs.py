@@ -153,3 +153,15 @@ def test_the_rest_of_what_is_counted_is_extrapolated_and_nothing_else(session: S
     assert left == pytest.approx(end - first, rel=1 / 3)
     assert left <= 2.5  # nothing is said in the first 2 s
     assert run(session, partial(counted, 2))[0].job_state().left is None  # type: ignore[union-attr]
+
+
+def test_twenty_jobs_may_wait(session: Session) -> None:
+    session.desk.start("goal", "the first work", endless, lambda _: None)
+    for _ in range(20):
+        session.desk.start("goal", "another", endless, lambda _: None)
+    with pytest.raises(ParameterError, match="20 jobs are waiting already: remove one of them first"):
+        session.desk.start("goal", "one too many", endless, lambda _: None)
+    session.close()
+    assert session.desk.job is not None
+    session.desk.job.join(30.0)
+    assert len(session.desk.queue) == 20  # nothing begins after the end

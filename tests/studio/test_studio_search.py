@@ -56,7 +56,15 @@ def test_the_typed_word_comes_before_its_synonyms_and_all_words_before_some(sear
     assert both[0].title == "Gain margin"
     assert sought(search, "gain nonsense") != []
     assert sought(search, "xyzzy nonsense") == []
-    assert sought(search, "x") == []
+
+
+def test_a_word_has_two_letters_and_three_are_the_beginning_of_a_word_of_the_trade(search: Search) -> None:
+    assert sought(search, "m") == []
+    assert sought(search, "ms") != []
+    titles = {text: [place.title for place in sought(search, text)] for text in ("la", "lag", "reset")}
+    assert ["Following error" in found for found in (titles["la"], titles["lag"])] == [False, True]
+    assert "Tn" in titles["reset"]  # of `reset time`
+    assert len(sought(search, "limit")) == 12
 
 
 def test_every_page_of_the_documentation_can_be_read(search: Search) -> None:

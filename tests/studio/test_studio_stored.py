@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import struct
 import time
 from collections.abc import Callable, Iterator
@@ -18,7 +19,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import FileError
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import Quantity
-from feeddrive.studio import stored
+from feeddrive.studio import command, stored
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.jobs import DONE
 from feeddrive.studio.server import Session, earlier_work, kept_folder
@@ -246,3 +247,47 @@ def test_a_zoom_is_of_one_page_alone(bench: Bench, begin: Callable[..., Session]
 
 def len_of(said: dict[str, Any]) -> int:
     return int(said["charts"]["run"]["panels"][0]["curves"][-1]["n"])
+
+
+def test_five_earlier_works_are_offered_the_latest_first(tmp_path: Path) -> None:
+    for k in range(7):
+        (tmp_path / f"page_{k}" / FOLDER).mkdir(parents=True)
+        state = {"name": f"page {k}", "title": "an axis", "files": 0, "steps": k}
+        part = tmp_path / f"page_{k}" / FOLDER / "page.json"
+        part.write_text(json.dumps({"state": Code().data(state)}), encoding="utf-8")
+        os.utime(part, (1e9 + k, 1e9 + k))
+    assert [work["page"] for work in earlier_work(tmp_path, tmp_path / "page_6")] == [
+        f"page {k}" for k in (5, 4, 3, 2, 1)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("hours", "letters", "known"), [(8.0, 40, True), (17.0, 40, False), (-1.0, 40, False), (8.0, 24, False)]
+)
+def test_the_door_of_the_last_server_is_known_for_twelve_hours(
+    hours: float, letters: int, known: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / ".door.json"
+    kept = {"port": 8765, "secret": "x" * letters, "since": time.time() - 3600.0 * hours}
+    path.write_text(json.dumps(kept), encoding="utf-8")
+    path.chmod(0o600)
+    assert (command._last_door(path) is not None) is known
+    if os.name == "posix":
+        path.chmod(0o640)
+        assert command._last_door(path) is None  # others could have read it
+
+
+def test_a_server_of_the_same_folder_takes_the_same_door_unless_another_one_holds_it(tmp_path: Path) -> None:
+    request = command.StudioRequest(folder=tmp_path)
+    first, secret = command.same_door(request)
+    port = first.getsockname()[1]
+    if os.name == "posix":
+        assert (tmp_path / ".door.json").stat().st_mode & 0o777 == 0o600
+    with first:
+        beside, other = command.same_door(request)
+        with beside:
+            assert beside.getsockname()[1] != port
+            assert other == ""  # a cookie of its own
+    again, same_secret = command.same_door(request)
+    with again:
+        assert (again.getsockname()[1], same_secret) == (port, secret)
