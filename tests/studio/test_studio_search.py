@@ -43,6 +43,7 @@ def test_words_of_the_trade_lead_to_the_place(search: Search, text: str, title: 
     assert (title, kind) in [(place.title, place.kind) for place in sought(search, text)[:3]]
 
 
+@pytest.mark.slow(reason="a search for each of a hundred words")
 def test_each_word_of_the_glossary_leads_somewhere(search: Search) -> None:
     assert len(trade_words()) > 50
     assert [word for word, _ in trade_words() if not sought(search, word)] == []

@@ -119,6 +119,7 @@ def test_two_pages_of_one_work_show_what_the_other_does(opened: Any) -> None:
     assert opened.said == []
 
 
+@pytest.mark.slow(reason="a comparison begins and a proof is made, in processes of their own")
 def test_jobs_wait_where_it_can_be_seen_and_a_shape_says_how_each_view_stands(opened: Any) -> None:
     page = opened.page
     for room, start in (("compare", "#compare-start"), ("goal", "#tune-start"), ("prove", "#prove-certify")):
@@ -186,6 +187,7 @@ def test_a_place_is_found_by_the_words_of_the_trade_and_by_keys_alone(opened: An
     assert opened.said == []
 
 
+@pytest.mark.slow(reason="one more start of the page, and a search that is canceled")
 def test_the_keys_of_the_page(opened: Any) -> None:
     page = opened.page
     opened.go("tune")
