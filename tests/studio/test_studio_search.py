@@ -26,28 +26,28 @@ def sought(search: Search, text: str) -> list[Place]:
     [
         ("rope snap", "Rope-snap error", "figure"),
         ("GSV", "Kv", "parameter"),
-        ("MD32200", "Kv", "parameter"),
         ("servo gain", "Kv", "parameter"),
-        ("Nachstellzeit", "Tn", "parameter"),
+        ("reset time", "Tn", "parameter"),
         ("lag", "Following error", "picture"),
         ("notch", "Add a filter: notch", "action"),
         ("Ms", "Ms", "figure"),
         ("delay marg", "Delay margin", "figure"),
-        ("ball bar", "Circle test", "documentation"),
+        ("ballbar", "Circle test", "documentation"),
         ("lost motion", "Pitch errors and backlash", "documentation"),
-        ("autotune", "Goal", "limit"),
+        ("autotune", "auto tuning, autotune, servo tuning", "word"),
         ("feeddrive identify", "feeddrive identify", "command"),
     ],
 )
 def test_words_of_the_trade_lead_to_the_place(search: Search, text: str, title: str, kind: str) -> None:
-    assert (title, kind) in [(place.title, place.kind) for place in sought(search, text)[:3]]
+    assert (title, kind) in [(place.title, place.kind) for place in sought(search, text)[:5]]
 
 
 @pytest.mark.slow(reason="a search for each of a hundred words")
-def test_each_word_of_the_glossary_leads_somewhere(search: Search) -> None:
-    assert len(trade_words()) > 50
-    assert [word for word, _ in trade_words() if not sought(search, word)] == []
-    assert [name for _, own in trade_words() for name in own if not sought(search, name)] == []
+def test_each_word_of_the_trade_leads_somewhere(search: Search) -> None:
+    assert sum(len(row.words) for row in trade_words()) > 100
+    assert [word for row in trade_words() for word in row.words if not sought(search, word)] == []
+    # rows that lead to a page that is made from declarations, and not written, have no place to be read
+    assert {row.words[0] for row in trade_words() if not row.page} == {"notch", "biquad"}
 
 
 def test_the_typed_word_comes_before_its_synonyms_and_all_words_before_some(search: Search) -> None:
@@ -69,7 +69,7 @@ def test_a_word_has_two_letters_and_three_are_the_beginning_of_a_word_of_the_tra
 
 
 def test_every_page_of_the_documentation_can_be_read(search: Search) -> None:
-    assert {"studio", "GLOSSARY", "tuning"} <= documents().keys()
+    assert {"how_to/studio", "GLOSSARY", "reference/words"} <= documents().keys()
     for place in standing_places():
         if place.page:
             said = search.read(Asked({"page": place.page, "heading": place.heading})).words["reading"]

@@ -181,7 +181,7 @@ def test_a_place_is_found_by_the_words_of_the_trade_and_by_keys_alone(opened: An
     assert page.get_attribute("#search-field", "aria-activedescendant") == chosen.get_attribute("id")
     page.keyboard.press("Escape")
     assert find("pitch errors and backlash") == "search-text"  # is read in place
-    assert "docs/machining.md" in page.inner_text("#search-text")
+    assert "docs/how_to/machining.md" in page.inner_text("#search-text")
     page.keyboard.press("Escape")
     assert page.locator("#search").is_hidden()
     assert opened.said == []

@@ -1,12 +1,13 @@
 """Search over the views, parameters, figures, actions, commands and documentation, by the words of the trade.
 
 The index is made from what states these things: declarations, acts of the views, the registry of commands, the glossary
-with its table of the trade's words, and the headings of the documentation.
+and the page of the trade's words, and the headings of the documentation.
 """
 
 from __future__ import annotations
 
 import inspect
+import posixpath
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -27,11 +28,12 @@ from feeddrive.workflow.command import COMMANDS, fields_of, load
 _PAGE, _CLONE = Path(__file__).parents[1] / "page" / "docs", Path(__file__).parents[4]
 _MOST = 12  # results
 _COMMAND = "command:"  # before the name of a command in place of a page
-_TRADE = "Words of the trade"  # heading in the glossary
+_WORDS = "reference/words"  # the page of the words of the trade
 _SHORTEST = 2  # characters of a word that is looked for
 _PREFIX = 3  # characters from which the beginning of a word of the trade is enough
 # of a word of a query: found in the title, in the description
 _TITLE, _DETAIL = 3.0, 1.0
+_ALIAS = 2 / 3  # share of what a word of the same meaning counts
 
 
 @dataclass(frozen=True)
@@ -96,18 +98,38 @@ def _bare(text: str) -> str:
     return plain(re.sub(r"[*`]|\{[^}]*\}", "", text).replace("\\|", "|")).strip()
 
 
+class Called(NamedTuple):
+    """A row of the page of words: what is said in the trade, the names here, and where it is explained."""
+
+    words: tuple[str, ...]
+    names: tuple[str, ...]
+    meaning: str
+    page: str
+    heading: str
+
+
 @cache
-def trade_words() -> tuple[tuple[str, tuple[str, ...]], ...]:
-    """Return the words of the trade with the words that feeddrive uses, from the table of the glossary."""
-    found = list[tuple[str, tuple[str, ...]]]()
-    if "GLOSSARY" in documents():
-        section = next((part for part in _sections("GLOSSARY") if part.heading == _TRADE), _Section("", ()))
-        for line in section.lines[2:]:
-            cells = [_bare(cell) for cell in line.strip("|").split("|")]
-            if len(cells) == 2 and not set(cells[0]) <= {"-"}:
-                own = tuple(cells[1].split(", "))
-                found += [(word.casefold(), own) for word in cells[0].split(", ")]
-    return tuple(found)
+def trade_words() -> tuple[Called, ...]:
+    """Return the words of the trade with the names here, from the tables of the page of words."""
+    rows = list[Called]()
+    for part in _sections(_WORDS) if _WORDS in documents() else ():
+        for line in part.lines:
+            cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+            link = re.search(r"\]\(([^)#]*?)(?:\.md)?(?:#([^)]*))?\)", cells[-1]) if len(cells) == 3 else None
+            if link is None:
+                continue
+            page = posixpath.normpath(posixpath.join(posixpath.dirname(_WORDS), link[1])).removeprefix("../")
+            known = _sections(page) if page in documents() else ()
+            heading = next((at.heading for at in known if _anchor(at.heading) == link[2]), "")
+            words = tuple(word.strip() for word in _bare(cells[0]).split(","))
+            names = tuple(re.findall(r"`([^`]+)`", cells[1]))
+            rows.append(Called(words, names, _bare(cells[1]), page if known else "", heading))
+    return tuple(rows)
+
+
+def _anchor(heading: str) -> str:
+    """Return the anchor that the documentation gives a heading."""
+    return re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
 
 
 @cache
@@ -141,6 +163,9 @@ def _standing() -> Iterator[Place]:
         yield Place(title.heading, "documentation", "", page=page)
         for part in rest:
             yield Place(part.heading, "documentation", title.heading, page=page, heading=part.heading)
+    for row in trade_words():
+        if row.page:
+            yield Place(", ".join(row.words[:3]), "word", row.meaning, page=row.page, heading=row.heading)
     if "GLOSSARY" in documents():
         for part in _sections("GLOSSARY"):
             for line in part.lines:
@@ -220,10 +245,10 @@ def found(text: str, places: list[Place]) -> list[Place]:
         return []
     # what the trade says and what feeddrive says are looked for alike, the typed words first
     readings = [(wanted, 1.0)]
-    for word, own in trade_words():
-        alias = " ".join(_tokens(word))
-        if wanted == alias or (len(wanted) >= _PREFIX and alias.startswith(wanted)):
-            readings += [(" ".join(_tokens(name)), 0.9) for name in own]
+    for row in trade_words():
+        words = {" ".join(_tokens(word)) for word in row.words}
+        if wanted in words or (len(wanted) >= _PREFIX and any(word.startswith(wanted) for word in words)):
+            readings += [(word, _ALIAS) for word in (*words, *(" ".join(_tokens(name)) for name in row.names)) if word]
     for every in (True, False):
         rated = [(max(weight * _fit(words, place, every) for words, weight in readings), place) for place in places]
         order = sorted((pair for pair in rated if pair[0] > 0.0), key=lambda pair: (-pair[0], len(pair[1].title)))
