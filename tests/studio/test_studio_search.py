@@ -52,7 +52,8 @@ def test_each_word_of_the_trade_leads_somewhere(search: Search) -> None:
 
 def test_the_typed_word_comes_before_its_synonyms_and_all_words_before_some(search: Search) -> None:
     # `lag` is a parameter of the drive as well
-    assert sought(search, "lag")[0].title == "lag"
+    assert [place.title for place in sought(search, "lag")[:2]] == ["lag", "Following error"]
+    assert sought(search, "delay marg")[0].title == "Delay margin"
     both = sought(search, "gain margin")
     assert both[0].title == "Gain margin"
     assert sought(search, "gain nonsense") != []
@@ -62,9 +63,10 @@ def test_the_typed_word_comes_before_its_synonyms_and_all_words_before_some(sear
 def test_a_word_has_two_letters_and_three_are_the_beginning_of_a_word_of_the_trade(search: Search) -> None:
     assert sought(search, "m") == []
     assert sought(search, "ms") != []
-    titles = {text: [place.title for place in sought(search, text)] for text in ("la", "lag", "reset")}
-    assert ["Following error" in found for found in (titles["la"], titles["lag"])] == [False, True]
-    assert "Tn" in titles["reset"]  # of `reset time`
+    assert sought(search, "geschw")[0].title == "Kv"  # of `Geschwindigkeitsverstärkung`
+    assert sought(search, "schl")[0].title == "Following error"
+    place = Place("errors", "word", "at a quadrant")
+    assert [found(text, [place]) for text in ("qu", "qua")] == [[], [place]]
     assert len(sought(search, "limit")) == 12
 
 

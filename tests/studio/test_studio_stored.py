@@ -271,10 +271,10 @@ def test_the_door_of_the_last_server_is_known_for_twelve_hours(
     kept = {"port": 8765, "secret": "x" * letters, "since": time.time() - 3600.0 * hours}
     path.write_text(json.dumps(kept), encoding="utf-8")
     path.chmod(0o600)
-    assert (command._last_door(path) is not None) is known
+    assert (command.last_door(path) is not None) is known
     if os.name == "posix":
         path.chmod(0o640)
-        assert command._last_door(path) is None  # others could have read it
+        assert command.last_door(path) is None  # others could have read it
 
 
 def test_a_server_of_the_same_folder_takes_the_same_door_unless_another_one_holds_it(tmp_path: Path) -> None:

@@ -223,7 +223,7 @@ def studio(request: StudioRequest, progress: Progress) -> Outcome[Bench | None]:
 
 
 @dataclass(frozen=True)
-class _LastDoor:
+class LastDoor:
     """Where the last server of a folder listened, and the cookie of its pages.
 
     since  time at which the cookie was made, s since 1970
@@ -241,7 +241,7 @@ def same_door(request: StudioRequest) -> tuple[socket.socket, str]:
     of the cookie is kept in a file that only this user can read, and is used for 12 hours.
     """
     path = request.folder / _DOOR
-    last = _last_door(path)
+    last = last_door(path)
     if last is not None and request.port in (0, last.port):
         try:
             return listening(request.host, last.port), last.secret
@@ -251,7 +251,7 @@ def same_door(request: StudioRequest) -> tuple[socket.socket, str]:
             # another server of this folder is running: its pages keep their door
             return listening(request.host, 0), ""
     at = listening(request.host, request.port)
-    fresh = _LastDoor(at.getsockname()[1], secrets.token_urlsafe(24), time.time())
+    fresh = LastDoor(at.getsockname()[1], secrets.token_urlsafe(24), time.time())
     with suppress(OSError):
         path.unlink(missing_ok=True)
         # private from the first moment, and never a file that somebody else has put there
@@ -261,13 +261,13 @@ def same_door(request: StudioRequest) -> tuple[socket.socket, str]:
     return at, fresh.secret
 
 
-def _last_door(path: Path) -> _LastDoor | None:
+def last_door(path: Path) -> LastDoor | None:
     """Read where the last server listened; None if nobody can tell, others could read it, or it is too long ago."""
     try:
         if path.is_symlink() or not _private(path):
             return None
         kept: Any = json.loads(path.read_text(encoding="utf-8"))
-        last = _LastDoor(int(kept["port"]), str(kept["secret"]), float(kept["since"]))
+        last = LastDoor(int(kept["port"]), str(kept["secret"]), float(kept["since"]))
         valid = len(last.secret) >= _SECRET and 0.0 <= time.time() - last.since <= _SAME_DOOR
         return last if valid else None
     except (OSError, ValueError, TypeError, KeyError):

@@ -33,7 +33,7 @@ _SHORTEST = 2  # characters of a word that is looked for
 _PREFIX = 3  # characters from which the beginning of a word of the trade is enough
 # of a word of a query: found in the title, in the description
 _TITLE, _DETAIL = 3.0, 1.0
-_ALIAS = 2 / 3  # share of what a word of the same meaning counts
+_ALIAS = 0.9  # share of what a word of the same meaning counts
 
 
 @dataclass(frozen=True)
@@ -243,13 +243,15 @@ def found(text: str, places: list[Place]) -> list[Place]:
     wanted = " ".join(_tokens(text))
     if len(wanted) < _SHORTEST:
         return []
-    # what the trade says and what feeddrive says are looked for alike, the typed words first
-    readings = [(wanted, 1.0)]
+    same, begun = list[str](), list[str]()
     for row in trade_words():
-        words = {" ".join(_tokens(word)) for word in row.words}
-        if wanted in words or (len(wanted) >= _PREFIX and any(word.startswith(wanted) for word in words)):
-            readings += [(word, _ALIAS) for word in (*words, *(" ".join(_tokens(name)) for name in row.names)) if word]
-    for every in (True, False):
+        words = [" ".join(_tokens(word)) for word in row.words]
+        names = [*words, *(" ".join(_tokens(name)) for name in row.names)]
+        same += names if wanted in words else []
+        begun += names if len(wanted) >= _PREFIX and any(word.startswith(wanted) for word in words) else []
+    # a word that is typed in part, and then a part of the words, count only where nothing fits
+    for others, every in ((same, True), (begun, True), ([], False)):
+        readings = [(wanted, 1.0), *((words, _ALIAS) for words in dict.fromkeys(others) if words)]
         rated = [(max(weight * _fit(words, place, every) for words, weight in readings), place) for place in places]
         order = sorted((pair for pair in rated if pair[0] > 0.0), key=lambda pair: (-pair[0], len(pair[1].title)))
         if order:
