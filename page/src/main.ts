@@ -11,6 +11,7 @@ import { Bring } from "./rooms/bring";
 import { Commission } from "./rooms/commission";
 import { Compare } from "./rooms/compare";
 import { Goal } from "./rooms/goal";
+import { Program } from "./rooms/program";
 import { Prove } from "./rooms/prove";
 import { Scope } from "./rooms/scope";
 import { Take } from "./rooms/take";
@@ -39,7 +40,7 @@ const rooms: Room[] = [
   new Commission(ask),
   new Scope(ask),
   tune,
-  ...[Goal, Compare, Prove, Take].map((Kind) => new Kind(ask)),
+  ...[Goal, Compare, Prove, Program, Take].map((Kind) => new Kind(ask)),
 ];
 const job = new JobBar(ask);
 const tour = new Tour(ask, go);

@@ -132,6 +132,7 @@ export interface Message {
   file?: string;
   file_name?: string;
   charts: Record<string, Chart>;
+  rows?: Record<string, [at: number, rows: number, columns: number]>; // tables of numbers, row by row
 }
 export interface Received {
   said: Message;

@@ -3,6 +3,7 @@
 import { icon, type Icon } from "../icons";
 import { button, make, renew } from "../parts";
 
+export type State = "kept" | "close" | "broken" | "free" | "open";
 export interface Gauge {
   key: string;
   title: string;
@@ -14,16 +15,17 @@ export interface Gauge {
   limit: string;
   bound: string;
   higher: boolean;
-  state: "kept" | "close" | "broken" | "free";
+  state: Exclude<State, "open">;
   used: number;
   frequency: number | null;
 }
 
-const SHAPES: Record<Gauge["state"], [Icon, string]> = {
+export const SHAPES: Record<State, [Icon, string]> = {
   kept: ["kept", "limit kept"],
   close: ["close", "limit kept, less than 5 % left"],
   broken: ["broken", "limit broken"],
   free: ["free", "no limit"],
+  open: ["open", "not computed yet"],
 };
 
 export class Strip {

@@ -1,10 +1,10 @@
-// The current control is proven: a certificate, the circle test, and a part program on the machine, run or corrected.
+// The current control is proven: a certificate, and the circle test on the machine.
 
 import { look, whenPainted } from "../pictures/look";
 import { button, choice, make, renew } from "../parts";
 import { Picture } from "../pictures/picture";
 import { Report, type Result } from "../result";
-import { result, type Ask, type Room } from "../room";
+import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
 
 interface Place {
@@ -14,23 +14,17 @@ interface Place {
 interface Words {
   ready: boolean;
   axes: string[];
-  programs: string[];
-  shown: Record<string, Result & { worst?: Place[]; peaks?: Place[]; machines?: string[]; archive?: string }>;
+  shown: Record<string, Result & { peaks?: Place[] }>;
 }
 
-// Pictures that the room draws itself, beside those of the report, by part and chart; of the chosen worst place `place_3`
-// is drawn in `program.place`.
+// Pictures that the room draws itself, beside those of the report, by part and chart.
 const PICTURES: Record<string, Record<string, string>> = {
   certificate: {},
   circle: { circle: "Circle test: the deviation, magnified", unrolled: "Deviation over the angle; hollow: quadrant peaks" },
-  program: { path: "Contour error as color on the path", place: "The place, 1 to 1", time: "Contour error around the instant" },
-  corrected: { before: "Contour error on the path, without the correction", after: "With the correction" },
 };
 const HEADS: Record<string, string> = {
   certificate: "Certificate",
   circle: "Circle test",
-  program: "Part program",
-  corrected: "Corrected part program",
 };
 
 interface Part {
@@ -48,9 +42,7 @@ export class Prove implements Room {
   private readonly buttons = make("div", { class: "buttons" });
   private readonly intro = make("div", { class: "empty" });
   private readonly parts = new Map(Object.keys(PICTURES).map((name) => [name, part(name)]));
-  private readonly chosen = { x: "", y: "", program: "" };
-  private place = 0; // the worst place of the part program that is looked at
-  private machine = 0; // of the corrected part program: the nominal or the worst one
+  private readonly chosen = { x: "", y: "" };
   private last: Received | null = null;
 
   constructor(private readonly ask: Ask) {
@@ -62,12 +54,9 @@ export class Prove implements Room {
         "A certificate covers every plant in a disc around the model, with the control as it will run, in exact arithmetic. ",
         "A checker that shares no code with it checks each step.",
       ),
-      make("p", {}, "A part program and the circle test of ISO 230-4 run on the simulated machine with the same control."),
+      make("p", {}, "The circle test of ISO 230-4 runs on the simulated machine with the same control."),
     );
     this.element.append(this.hint, this.buttons, this.intro, ...[...this.parts.values()].map((each) => each.section));
-    const program = this.parts.get("program")!;
-    program.pictures.get("path")!.onpick = (_x, _y, _panel, key) =>
-      key && program.list.querySelectorAll("button")[Number(key)]?.click();
     whenPainted(() => this.draw());
   }
 
@@ -84,9 +73,6 @@ export class Prove implements Room {
       each.section.hidden = !found;
       if (!found) continue;
       each.report.show(found);
-      if (name === "program")
-        this.list(each, "Worst places: choose one to look at it", found.worst ?? [], (at, i) => this.look(at, i));
-      if (name === "corrected") this.corrected(each, found.machines ?? [], found.archive ?? "");
       if (name === "circle")
         this.list(each, "Quadrant peaks: choose one to look at it", found.peaks ?? [], (at) =>
           zoom(each.pictures.get("unrolled")!, at),
@@ -111,7 +97,6 @@ export class Prove implements Room {
     const [first = "", second = first] = words.axes;
     if (!words.axes.includes(chosen.x)) chosen.x = first;
     if (!words.axes.includes(chosen.y)) chosen.y = second;
-    if (!words.programs.includes(chosen.program)) chosen.program = words.programs[0] ?? "";
     const select = (label: string, among: string[], key: keyof typeof chosen) => {
       const found = choice(
         label,
@@ -126,25 +111,18 @@ export class Prove implements Room {
       select("y", words.axes, "y"),
       button("Circle test", () => this.ask({ do: "prove.circle", x: chosen.x, y: chosen.y }), { id: "prove-circle" }),
     ];
-    renew(this.buttons, [words.axes, words.programs], () => [
+    renew(this.buttons, words.axes, () => [
       button("Prove stability", () => this.ask({ do: "prove.certify" }), { id: "prove-certify", class: "main" }),
-      select("Part program", words.programs, "program"),
-      button("Run it on the machine", () => this.ask({ do: "prove.program", name: chosen.program }), { id: "prove-program" }),
-      button("Correct it", () => this.ask({ do: "prove.correct", name: chosen.program }), {
-        id: "prove-correct",
-        title: "Set positions and force offsets that make up for friction along the plan, judged on machines of a box",
-      }),
       ...(words.axes.length > 1 ? circle : []),
     ]);
   }
 
-  private list(of: Part, title: string, places: Place[], act: (at: Place, i: number) => void): void {
+  private list(of: Part, title: string, places: Place[], act: (at: Place) => void): void {
     renew(of.list, places, () => {
-      if (of === this.parts.get("program")) this.place = 0; // only where the places are others
-      const rows = places.map((each, i) => {
+      const rows = places.map((each) => {
         const found = button(each.text, () => {
           for (const other of of.list.querySelectorAll("button")) other.setAttribute("aria-pressed", String(other === found));
-          act(each, i);
+          act(each);
         }, { class: "worst", "aria-pressed": "false" }); // prettier-ignore
         return make("li", {}, found);
       });
@@ -152,46 +130,12 @@ export class Prove implements Room {
     });
   }
 
-  // Which machine the pictures show, and the files.
-  private corrected(of: Part, machines: string[], archive: string): void {
-    renew(of.list, [machines, archive], () => {
-      this.machine = 0; // only where the result is another one
-      const link = make("a", { href: result(archive), download: archive, id: "corrected-archive" }, `Download ${archive}`);
-      const chosen = choice(
-        "Machine",
-        machines.map((each, i): [string, string] => [String(i), i ? `worst: ${each}` : each]),
-        (value) => {
-          this.machine = Number(value);
-          this.draw();
-        },
-      );
-      return [
-        ...(archive
-          ? [make("p", {}, link, ": set positions and force offsets for the control, the figures, and the report.")]
-          : []),
-        ...(machines.length > 1 ? [chosen] : []),
-      ];
-    });
-  }
-
-  private look(at: Place, i: number): void {
-    this.place = i;
-    this.draw();
-    zoom(this.parts.get("program")!.pictures.get("path")!, at);
-  }
-
   private draw(): void {
     if (!this.last || this.element.closest("[hidden]")) return;
     for (const [name, { section, pictures, report }] of this.parts) {
       if (!section.hidden) report.draw(this.last);
       for (const [key, picture] of pictures) {
-        const of = new Map([
-          ["place", this.place],
-          ["time", this.place],
-          ["before", this.machine],
-          ["after", this.machine],
-        ]).get(key);
-        const chart = section.hidden ? undefined : this.last.said.charts[`${name}.${of === undefined ? key : `${key}_${of}`}`];
+        const chart = section.hidden ? undefined : this.last.said.charts[`${name}.${key}`];
         picture.element.hidden = !chart;
         if (chart) picture.draw(chart, this.last.numbers, look());
       }
@@ -204,9 +148,7 @@ function part(name: string): Part {
   for (const [key, each] of pictures) each.element.id = `proof-${name}-${key}`;
   const [first, ...others] = [...pictures.values()].map((each) => each.element);
   const [list, report] = [make("div"), new Report(`proof-${name}`, `${name}.`)];
-  const beside = make("div", {}, ...(name === "program" ? [list, ...others] : name === "corrected" ? others : [...others, list]));
-  const pair = first ? [make("div", { class: "grid" }, first, beside)] : [];
-  const grid = name === "corrected" ? [list, ...pair] : pair;
+  const grid = first ? [make("div", { class: "grid" }, first, make("div", {}, ...others, list))] : [];
   const section = make(
     "section",
     { id: `proof-${name}`, hidden: "" },

@@ -36,7 +36,7 @@ from feeddrive.learning.plant_box import NOMINAL, PlantBox, noisy_machines
 from feeddrive.loop.loop import Loop
 from feeddrive.loop.machine import Machine
 from feeddrive.loop.simulate import Run, samples, stream_each
-from feeddrive.machining.contour import contour_error, curve_of_motion
+from feeddrive.machining.contour import ContourError, contour_error, curve_of_motion
 from feeddrive.path.changed_path import changed_use, keeps
 from feeddrive.path.proof import DERIVATIVES
 
@@ -414,6 +414,7 @@ class Judge:
         self.counted = np.ones(n, bool) if counted is None else np.asarray(counted, bool)
         self._path = PlannedPath(plan, self.axes, self.counted)
         self.errors: dict[str, dict[str, np.ndarray]] = {}
+        self.contours: dict[str, ContourError] = {}
         for name, sampled in self.machines.items():
             self._require(name, sampled)
         self.left = tuple(hunting(next(iter(self.machines.values())), self.axes))
@@ -467,9 +468,12 @@ class Judge:
         for (name, axis), square in squares.items():
             _refuse_continuous(name, axis, float(np.sqrt(square / n)), limits[name][axis].continuous)
         found: dict[str, PathFigures] = {}
+        when = "plain" if correction is None else "corrected"
         for name in names:
             found[name], error = self._path.deviation(positions[name])
-            self.errors.setdefault(name, {})["plain" if correction is None else "corrected"] = error
+            self.errors.setdefault(name, {})[when] = error
+        if len(self.axes) > 1 and names[0] == next(iter(self.machines)):
+            self.contours[when] = self._path.contour(positions[names[0]], self.line)
         return found
 
     def _totals(
@@ -557,28 +561,36 @@ class PlannedPath:
         )
         self._curve = curve_of_motion(self._position, velocity, self._T) if len(axes) > 1 else None
 
+    def contour(self, positions: Mapping[str, np.ndarray], line: np.ndarray | None = None) -> ContourError:
+        """Return the contour error of positions, m, shape (n,), of two or more axes.
+
+        line  line of the part program by sample, shape (n,) or shorter
+        """
+        n = len(self._position)
+        return contour_error(
+            np.column_stack([positions[axis] for axis in self.axes]),
+            self._position,
+            axes=self.axes,
+            sample_time=self._T,
+            line=None if line is None else np.append(line[:n], np.full(max(0, n - line.size), line[-1])),
+            counted=self._counted,
+            name="part",
+            curve=self._curve,
+        )
+
     def deviation(self, positions: Mapping[str, np.ndarray]) -> tuple[PathFigures, np.ndarray]:
         """Return the figures of positions, m, shape (n,), by axis, and the deviation over time, m, shape (n,).
 
         The deviation of two or more axes is the contour error of the table, that of one axis the lag behind its plan.
         """
         mask = self._counted
-        actual = np.column_stack([positions[axis] for axis in self.axes])
         if self._curve is None:
-            error = self._position[:, 0] - actual[:, 0]
+            error = self._position[:, 0] - positions[self.axes[0]]
             size = np.abs(error[mask])
             rms = float(np.sqrt(np.mean(size**2)))
             figures = PathFigures(rms, float(np.quantile(size, 0.95)), float(np.max(size)))
         else:
-            contour = contour_error(
-                actual,
-                self._position,
-                axes=self.axes,
-                sample_time=self._T,
-                counted=mask,
-                name="part",
-                curve=self._curve,
-            )
+            contour = self.contour(positions)
             error = contour.error
             figures = PathFigures(float(contour.rms), float(contour.within()), float(contour.largest))
         return figures, np.where(mask, np.abs(error), np.nan)
@@ -603,6 +615,7 @@ class CorrectedProgram(Result):
     box         tolerances of the box
     remarks     what a user must know
     left        what no correction can cancel: see `hunting`
+    contours    contour errors of the nominal machine, "plain" and "corrected"; empty for one axis
     """
 
     correction: Correction
@@ -613,6 +626,7 @@ class CorrectedProgram(Result):
     box: PlantBox
     remarks: tuple[str, ...] = ()
     left: tuple[str, ...] = ()
+    contours: Mapping[str, ContourError] = field(default_factory=dict[str, ContourError])
 
     @property
     def nominal(self) -> PlantFigures:
@@ -682,4 +696,5 @@ def _result(
         result,
         errors={name: judge.errors[name] for name in shown},
         left=judge.left,
+        contours=judge.contours,
     )

@@ -42,9 +42,10 @@ make_lazy(
             "contour contour_chart contour_on_path contour_on_path_chart corner_zoom corner_zoom_chart "
             "part_cutting part_cutting_chart part_estimates part_estimates_chart part_laws part_laws_chart "
             "corrected corrected_chart corrected_path corrected_path_chart learned learned_chart "
-            "part_run part_run_chart part_zoom part_zoom_chart plan_causes plan_causes_chart plan_joints "
-            "plan_joints_chart plan_losses plan_losses_chart plan_profiles plan_profiles_chart planned planned_chart "
-            "tip_error tip_error_chart tip_joints tip_joints_chart"
+            "part_run part_run_chart part_zoom part_zoom_chart plan_axes plan_axes_chart plan_causes plan_causes_chart "
+            "plan_feed plan_feed_chart plan_joints plan_joints_chart plan_losses plan_losses_chart "
+            "plan_profiles plan_profiles_chart planned planned_chart tip_error tip_error_chart "
+            "tip_joints tip_joints_chart"
         ),
         "tuning": (
             "delay_map delay_map_chart disturbance disturbance_chart in_time in_time_chart iteration "

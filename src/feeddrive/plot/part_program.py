@@ -15,7 +15,7 @@ from feeddrive.path.planned import Planned
 from feeddrive.path.proof import DERIVATIVES
 from feeddrive.path.setpoints import causes
 from feeddrive.plot import chart, style
-from feeddrive.plot.chart import Abscissa, Chart, Curve, Heat, Level, Mark, Note, Panel, Tick
+from feeddrive.plot.chart import Abscissa, Band, Chart, Curve, Heat, Level, Mark, Note, Panel, Tick
 from feeddrive.plot.drawing import figure_of
 from feeddrive.plot.style import POINTS, envelope
 
@@ -33,7 +33,6 @@ _ENLARGED = 0.08  # of the larger extent: size of the largest deviation as drawn
 _STEPS = (1.0, 2.0, 5.0)
 _POINTS = 20_000  # largest number of points of a path
 _MARKED = 5
-_AROUND = 0.12  # of the extent of a path: half width of the view around a place
 _REACH = 3.0  # multiple of the error of a place: half width of its 1:1 view
 
 
@@ -141,19 +140,14 @@ def _ends(values: np.ndarray) -> tuple[float, float]:
     return (float(np.min(there)), float(np.max(there))) if there.size else (0.0, 0.0)
 
 
-def place_view(
-    contour: ContourError, place: Worst, axes: tuple[int, int] = (0, 1)
-) -> tuple[float, float, float, float]:
-    """Return the section of `contour_on_path_chart` that shows a location: left, right, lower and upper limit in mm."""
-    ends = [_ends(1e3 * contour.position[contour.counted, k]) for k in axes]
-    reach = _AROUND * max(high - low for low, high in ends)
-    x, y = (1e3 * float(place.position[k]) for k in axes)
-    return x - reach, x + reach, y - reach, y + reach
-
-
-def place_chart(contour: ContourError, place: Worst) -> Chart:
+def place_chart(
+    contour: ContourError, place: Worst, runs: Sequence[tuple[str, int, ContourError]] | None = None
+) -> Chart:
     """Plot the commanded path and the tool's path around a location, in µm relative to the tool position and with equal
     scales, in the plane of the two axes that move most.
+
+    runs  name, number of the curve and contour error of each run of the same program that is drawn; default: the tool
+          of `contour` alone
     """
     row = int(np.argmin(np.abs(contour.time - place.time)))
     reach = 1e6 * max(_REACH * abs(place.error), 1e-9)
@@ -165,10 +159,11 @@ def place_chart(contour: ContourError, place: Worst) -> Chart:
     rows = slice(max(0, begin - 1), end + 2)
     spans = np.ptp(np.vstack([at[rows], tool[rows]]), axis=0)
     i, j = sorted(int(k) for k in np.argsort(spans)[-2:])
-    curves = (
-        Curve(at[rows, i], at[rows, j], "commanded", chart.NEUTRAL),
-        Curve(tool[rows, i], tool[rows, j], "tool", 1, caption=Text(f"{Quantity(abs(place.error), 'm')} off the path")),
-    )
+    curves = [Curve(at[rows, i], at[rows, j], "commanded", chart.NEUTRAL)]
+    for name, number, run in runs or [("tool", 1, contour)]:
+        way = 1e6 * (run.position[rows] - contour.position[row])
+        off = float(np.abs(run.error[min(row, len(run.error) - 1)]))
+        curves.append(Curve(way[:, i], way[:, j], name, number, caption=Text(f"{Quantity(off, 'm'):3} off the path")))
     foot = tool[row] - 1e6 * contour.vector[row]
     to_path = Curve(np.array([foot[i], 0.0]), np.array([foot[j], 0.0]), number=chart.ALERT, look=chart.BAR)
     panel = Panel(
@@ -433,6 +428,83 @@ def plan_profiles_chart(plan: Planned, axis: int) -> Chart:
 
 
 plan_profiles = figure_of(plan_profiles_chart)
+
+
+def plan_feed_chart(plan: Planned) -> Chart:
+    """Plot the path speed versus time under the programmed feed, and between both what each cause takes of it."""
+    course, loss = plan.course, plan.loss
+    begins = np.unique(np.linspace(0, len(course.time), min(len(course.time), POINTS // 2) + 1).astype(int)[:-1])
+    time, minutes = course.time[begins], 6e4
+    # the lowest speed of each interval: a dip may be shorter than a pixel
+    speed = minutes * np.minimum.reduceat(course.speed, begins)
+    feed = minutes * np.maximum.reduceat(np.where(np.isfinite(course.feed), course.feed, 0.0), begins)
+    feed = np.where(feed > 0.0, feed, np.nan)
+    cause = loss.cause[np.searchsorted(loss.time, time, side="right") - 1]
+    sums = dict.fromkeys(loss.names, 0.0)
+    for row in loss.causes:
+        sums[row.cause] += row.lost
+    order = sorted(range(1, len(loss.names)), key=lambda k: -sums[loss.names[k]])
+    bands = list[Band]()
+    for k, number in zip(order, _CAUSE_NUMBERS, strict=False):
+        # one interval more, so that the area reaches the next one
+        here = cause == k
+        here |= np.append(False, here[:-1])
+        low, high = (np.where(here, values, np.nan) for values in (speed, np.fmax(speed, feed)))
+        bands.append(Band(time, low, high, number, loss.names[k]))
+    curves = Curve(time, feed, "programmed feed", chart.NEUTRAL, chart.THIN), Curve(time, speed, "speed of the path")
+    return Chart("time (s)", (Panel("feed (mm/min)", curves, bands=tuple(bands), low=0.0),))
+
+
+plan_feed = figure_of(plan_feed_chart)
+
+
+def plan_axes_chart(plan: Planned) -> Chart:
+    """Plot the positions of the axes versus time with their travel, linear and rotary ones, and the largest share that
+    each axis uses of its limits of velocity to snap.
+    """
+    course, letters = plan.course, plan.limits.letters
+    place = course.position * [factor for factor, _ in plan.limits.shown]
+    travel = {
+        letter: (float(axis.travel_least), float(axis.travel_most))
+        for letter, axis in plan.limits.axes.items()
+        if axis.travel_least is not None and axis.travel_most is not None
+    }
+    panels = list[Panel]()
+    for unit in ("mm", "deg"):
+        columns = [k for k, (_, of) in enumerate(plan.limits.shown) if of == unit]
+        if not columns:
+            continue
+        curves = [Curve(*envelope(course.time, place[:, k]), letters[k], k) for k in columns]
+        low, high = style.padded(float(np.min(place[:, columns])), float(np.max(place[:, columns])))
+        ends = {k: travel.get(letters[k]) for k in columns}
+        levels = [
+            Level(side * plan.limits.shown[k][0], f"end of {letters[k]}", dashed=True, number=chart.ALERT)
+            for k, between in ends.items()
+            for side in between or ()
+        ]
+        used = ", ".join(
+            f"{letters[k]} {Quantity(_of_travel(place[:, k], between, plan.limits.shown[k][0]), 'share'):2}"
+            for k, between in ends.items()
+            if between is not None
+        )
+        caption = Text(f"of the travel: {used}") if used else ""
+        label = f"{'linear' if unit == 'mm' else 'rotary'} ({unit})"
+        near = tuple(level for level in levels if low <= level.value <= high)
+        panels.append(Panel(label, tuple(curves), levels=near, low=low, high=high, caption=caption))
+    with np.errstate(invalid="ignore"):
+        use = 100.0 * np.max(np.maximum(np.abs(course.low), np.abs(course.high)) / plan.limits.array, axis=2)
+    curves = tuple(Curve(*envelope(course.time, use[:, k]), "", k) for k in range(len(letters)))
+    full = Level(100.0, dashed=True, number=chart.ALERT)
+    panels.append(Panel("limit in use (%)", curves, levels=(full,), low=0.0, high=108.0))
+    return Chart("time (s)", tuple(panels), height=6.0)
+
+
+plan_axes = figure_of(plan_axes_chart)
+
+
+def _of_travel(place: np.ndarray, between: tuple[float, float], factor: float) -> float:
+    """Return the share of a travel that positions use."""
+    return float(np.ptp(place)) / max(factor * (between[1] - between[0]), 1e-12)
 
 
 def plan_joints_chart(plan: Planned) -> Chart:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 
+import numpy as np
+
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.language import tree
 from feeddrive.language.errors import ParameterError
@@ -41,10 +43,12 @@ class Said:
 
     words   content of the message header, to be encoded as JSON
     charts  charts by name
+    rows    tables of numbers by name, one quantity a row, for what the page draws without a chart
     """
 
     words: Mapping[str, Any] = field(default_factory=dict[str, Any])
     charts: Mapping[str, Chart] = field(default_factory=dict[str, Chart])
+    rows: Mapping[str, np.ndarray] = field(default_factory=dict[str, np.ndarray])
 
 
 class Asked:

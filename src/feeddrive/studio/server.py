@@ -46,15 +46,21 @@ Window = tuple[float, float]
 
 
 def message(
-    words: Mapping[str, Any], charts: Mapping[str, Chart] | None = None, windows: Mapping[str, Window] | None = None
+    words: Mapping[str, Any],
+    charts: Mapping[str, Chart] | None = None,
+    windows: Mapping[str, Window] | None = None,
+    rows: Mapping[str, np.ndarray] | None = None,
 ) -> bytes:
-    """Encode one message: JSON data and charts by name.
+    """Encode one message: JSON data, and charts and tables of numbers by name.
 
     windows  visible x range by x label; the points of the curves are distributed over this range
+    rows     tables of shape (m, n): the header has the place of the first number, m and n
     """
     numbers, windows = list[np.ndarray](), windows or {}
     shown = {name: _chart(chart, numbers, windows.get(chart.label)) for name, chart in (charts or {}).items()}
-    content = json.dumps({**words, "charts": shown}, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
+    tables = {name: [_append(tuple(table), numbers), *table.shape] for name, table in (rows or {}).items()}
+    header_words = {**words, "charts": shown, "rows": tables}
+    content = json.dumps(header_words, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
     # "replace", since a lone surrogate has no encoding
     header = plain(content).encode("utf-8", "replace")
     # a Float32Array of the browser must begin at a multiple of 4 bytes
@@ -399,7 +405,7 @@ class Session:
         if "remarks" in words:
             words["remarks"] = [self._plain(str(item)) for item in words["remarks"]]
         windows = {label: item for (of, label), item in self._windows.items() if of == room}
-        return message(words, answer.charts, windows)
+        return message(words, answer.charts, windows, answer.rows)
 
     def _plain(self, text: str) -> str:
         """Replace paths in a message by the names of uploaded files, and options by the names of the page's fields."""

@@ -32,12 +32,10 @@ if TYPE_CHECKING:
     from feeddrive.workflow.commission_steps import CommissionRequest
     from feeddrive.workflow.compare import CompareRequest
     from feeddrive.workflow.export import ExportRequest
-    from feeddrive.workflow.run_job import RunRequest
-    from feeddrive.workflow.setpath import SetpathRequest
     from feeddrive.workflow.tour import TourRequest
     from feeddrive.workflow.tune import TuneRequest
 
-_PLACES = 8  # worst places of a part program, and quadrant peaks of circles, that can be looked at
+_PEAKS = 8  # quadrant peaks of circles that can be looked at
 # degrees on both sides of a quadrant peak: its reversal is in view, and no other one
 _TURN = 12.0
 
@@ -199,64 +197,13 @@ def circle_shown(latest: Shown, before: CircleTest | None) -> Shown:
 
     test: CircleTest = latest.result
     peaks = list[dict[str, Any]]()
-    for peak in quadrant_peaks(test)[:_PLACES]:
+    for peak in quadrant_peaks(test)[:_PEAKS]:
         at = float(np.degrees(peak.angle))
         text = Text(f"{Quantity(peak.height, 'm'):3} at {peak.side}{peak.axis}, {test.circles[peak.circle].name}")
         peaks.append({"text": text.shown(DRAWN), "view": [max(at - _TURN, 0.0), min(at + _TURN, 360.0)]})
     charts = {"circle": circle_chart(test, before), "unrolled": unrolled_chart(test, before)}
     charts = {name: chart.shown(DRAWN) for name, chart in charts.items()}
     return replace(latest, words={**latest.words, "peaks": peaks}, charts={**latest.charts, **charts})
-
-
-def program_run(request: RunRequest, progress: Progress) -> Shown:
-    """Run a part program on the machine; return the contour error along the path and the points where it is largest."""
-    # imported on use: this runs in the process of the job
-    from feeddrive.plot.part_program import contour_on_path_chart, part_zoom_chart, place_chart, place_view
-
-    outcome = perform("run", request, progress)
-    progress.step("pictures")
-    page = shown(outcome, ("cut", "estimates", "limits", "error", "force"))
-    charts, worst = dict[str, Chart](), list[dict[str, Any]]()
-    row = outcome.result.rows[0]
-    if row.part is not None:
-        places = row.part.worst(_PLACES)
-        charts["path"] = contour_on_path_chart(row.part.contour, places=places)
-        for i, place in enumerate(places):
-            charts[f"place_{i}"] = place_chart(row.part.contour, place)
-            charts[f"time_{i}"] = part_zoom_chart({row.name: row.part}, place.time)
-            coordinates = (Quantity(value, "m", form=".3f mm", stays=True, bare=True) for value in place.position)
-            where = ", ".join(f"{coordinate}" for coordinate in coordinates)
-            line = "" if place.line is None else f", line {place.line}"
-            text = Text(f"{Quantity(abs(place.error), 'm'):3} at {Quantity(place.time, 's'):.3f SI} ({where} mm{line})")
-            worst.append(
-                {
-                    "text": text.shown(replace(outcome.units, typographic=True)),
-                    "view": place_view(row.part.contour, place),
-                }
-            )
-    return Shown({**page.words, "worst": worst}, {**page.charts, **_drawn(charts, outcome)})
-
-
-def part_corrected(request: SetpathRequest, progress: Progress) -> Shown:
-    """Correct a part program; return the contour error on the path before and after, and the archive of its files.
-
-    The pictures `before_0` and `after_0` are of the nominal machine, those with 1 of the worst one of the box.
-    """
-    from feeddrive.plot.part_program import corrected_path_chart
-
-    outcome = perform("setpath", request, progress)
-    progress.step("pictures")
-    page, result = shown(outcome), outcome.result
-    assert request.out is not None
-    machines = list(result.errors) if len(result.correction.plan) > 1 else []
-    charts = {
-        f"{'after' if corrected else 'before'}_{place}": corrected_path_chart(result, name, corrected=corrected)
-        for place, name in enumerate(machines)
-        for corrected in (False, True)
-    }
-    archive = packed(request.out).name if result.accepted else ""
-    words = {**page.words, "machines": machines, "archive": archive}
-    return Shown(words, {**page.charts, **_drawn(charts, outcome)})
 
 
 def compared(request: CompareRequest, progress: Progress) -> Shown:

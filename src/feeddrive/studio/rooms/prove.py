@@ -1,29 +1,19 @@
-"""The Prove page of the studio: certificate, circle test, and a part program that is run or corrected."""
+"""The Prove page of the studio: certificate and circle test."""
 
 from __future__ import annotations
 
-import re
 from functools import partial
 from pathlib import Path
 
-from feeddrive.files.machine import BUNDLED, MachineFile
-from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import ParameterError
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, act, free_name
-from feeddrive.studio.rooms.take import whole
-from feeddrive.studio.works import Shown, circle_shown, circled, part_corrected, program_run, reported
+from feeddrive.studio.works import Shown, circle_shown, circled, reported
 from feeddrive.workflow.certify import CertifyRequest
 from feeddrive.workflow.circle import CircleRequest
-from feeddrive.workflow.run_job import RunRequest
-from feeddrive.workflow.setpath import SetpathRequest
-
-_PROGRAM = "a part program, beside its job"
-_MOVES_TIP = re.compile(r"^G43\.[45]", re.MULTILINE)
-_RULE = "the control that was tuned on the page"
 
 
 class Prove(Room):
-    """The page for proofs of the current controller and for simulations on the machine."""
+    """The page for proofs of the current controller, and for the circle test on the machine."""
 
     name = "prove"
 
@@ -40,11 +30,9 @@ class Prove(Room):
         """Return the available proofs and the results."""
         bench = self.desk.bench
         axes = [] if bench is None or bench.machine is None else list(bench.machine.loops)
-        programs = [*_bundled(None if bench is None else bench.machine), *self.desk.programs]
         words = {
             "ready": bool(axes),
             "axes": axes,
-            "programs": programs,
             "shown": {name: self.desk.said_of(held, result.words) for name, (held, result) in self.shown.items()},
         }
         charts = {f"{name}.{key}": chart for name, (_, of) in self.shown.items() for key, chart in of.charts.items()}
@@ -86,55 +74,6 @@ class Prove(Room):
 
         self.desk.start(self.name, "circle test", partial(circled, request), then)
 
-    @act
-    def program(self, asked: Asked) -> None:
-        """Run an uploaded or bundled part program on the machine."""
-        name, job = self._job(asked)
-        request = RunRequest(str(job), out=free_name(self.desk.folder, "run"))
-        held = self.desk.held()
-
-        def then(shown: Shown) -> None:
-            self.desk.did("run", request, held.control)
-            self._put("program", held, shown)
-
-        self.desk.start(self.name, f"run {name}", partial(program_run, request), then)
-
-    @act
-    def correct(self, asked: Asked) -> None:
-        """Correct a part program by its plan: setpoints and force offsets, judged on a box of machines."""
-        name, job = self._job(asked)
-        request = SetpathRequest(str(job), out=free_name(self.desk.folder, "setpath"))
-        held = self.desk.held()
-
-        def then(shown: Shown) -> None:
-            self.desk.did("setpath", request, held.control)
-            self._put("corrected", held, shown)
-
-        self.desk.start(self.name, f"correct {name}", partial(part_corrected, request), then)
-
-    def _job(self, asked: Asked) -> tuple[str, Path]:
-        """Return the name of the chosen part program, and a job that runs it under the current controller."""
-        bench = self.desk.needed
-        bench.needed_loop()
-        name = asked.choice("name", [*_bundled(bench.machine), *self.desk.programs])
-        self.desk.check_free()
-        source = self.desk.programs.get(name) or BUNDLED / "programs" / name
-        # a copy beside the job, which then names it without a folder
-        part = self.desk.keep(Path(name).name, source.read_bytes(), _PROGRAM)
-        text = [
-            # names come from uploads: quoted, they cannot add keys to the job
-            f"title = {quoted(f'{name} on {bench.title}')}",
-            f"machine = {quoted(whole(self.desk.machine_path()))}",
-            f"axis = {quoted(bench.axis)}",
-            f"rule = {quoted(_RULE)}",
-            "",
-            "[program]",
-            f"file = {quoted(part.name)}",
-            "",
-        ]
-        job = self.desk.keep("job.toml", "\n".join(text).encode(), f"the job of {part.name}, which stands beside it")
-        return name, job
-
     def _put(self, name: str, held: Held, result: Shown) -> None:
         """Store a result as the latest one, replacing an earlier one of this name."""
         # removed first, so that a result that is replaced moves to the end
@@ -146,10 +85,3 @@ def _alike(one: Shown, other: Shown) -> bool:
     """Return True if two circle tests have the same radius and plane, so that they can be overlaid."""
     first, second = one.result, other.result
     return first.radius == second.radius and first.circles[0].axes == second.circles[0].axes
-
-
-def _bundled(machine: MachineFile | None) -> list[str]:
-    """Return the bundled part programs for a machine: those that move the tip of the tool need its kinematics."""
-    paths = (BUNDLED / "programs").glob("*.ngc")
-    five = machine is not None and machine.kinematics is not None
-    return sorted(path.name for path in paths if five or not _MOVES_TIP.search(path.read_text(encoding="utf-8")))

@@ -83,18 +83,24 @@ def _job(desk: Desk) -> str:
         to_toml(force, "load", rotary=bench.rotary).strip(),
         "",
     ]
+    return "\n".join([*lines, *law_lines(desk, "by hand")])
+
+
+def law_lines(desk: Desk, name: str) -> list[str]:
+    """Return the lines of a job with the current controller as a row of its own; none if it is that of the machine."""
+    bench = desk.needed
     before, now = bench.before.start, desk.control
     # both controls run with the guard of the machine file, which a job keeps unless it states one
     changes = difference(before, replace(now, guard=before.guard))
+    if changes is not None and changes.is_empty:
+        return []
     if changes is not None and not changes.removed and not changes.added:
-        if changes.values:
-            keys = {quoted(f"axis.{bench.axis}.control.{name}"): value for name, value in changes.values.items()}
-            pairs = ", ".join(f"{key} = {value!r}" for key, value in keys.items())
-            lines += ["[[law]]", 'name = "by hand"', f"set = {{ {pairs} }}", ""]
-    else:
-        text = to_toml(replace(now, guard=None), "law.control", rotary=bench.rotary).strip()
-        lines += ["[[law]]", 'name = "by hand"', "", text, ""]
-    return "\n".join(lines)
+        pairs = ", ".join(
+            f"{quoted(f'axis.{bench.axis}.control.{key}')} = {value!r}" for key, value in changes.values.items()
+        )
+        return ["[[law]]", f"name = {quoted(name)}", f"set = {{ {pairs} }}", ""]
+    text = to_toml(replace(now, guard=None), "law.control", rotary=bench.rotary).strip()
+    return ["[[law]]", f"name = {quoted(name)}", "", text, ""]
 
 
 def whole(machine: str | Path) -> str:
