@@ -10,24 +10,9 @@ import pytest
 import feeddrive as fd
 from feeddrive.analysis.loop_model import loop_model
 from feeddrive.plot.complex_plane import REACH
+from view_layout import boxes, overlaps
 
-# boxes of elements that are shown; those of one set must not overlap
-_BOXES = """(chosen) => [...document.querySelectorAll(chosen)].filter((each) => each.offsetParent).map((each) => {
-    const { left, top, right, bottom } = each.getBoundingClientRect();
-    return [left, top, right, bottom];
-})"""
 _APART = (".gauge", "#say > *", ".snapshots > *", ".tune .grid > figure", "#numbers .number, #numbers .card > header")
-
-
-def boxes(page: Any, chosen: str) -> np.ndarray:
-    return np.array(page.evaluate(_BOXES, chosen)).reshape(-1, 4)
-
-
-def overlaps(rows: np.ndarray) -> int:
-    """How many pairs of boxes share more than a pixel in both directions."""
-    low, high = np.maximum(rows[:, None, :2], rows[None, :, :2]), np.minimum(rows[:, None, 2:], rows[None, :, 2:])
-    shared = np.all(high - low > 1.0, axis=2)
-    return int((np.count_nonzero(shared) - len(rows)) // 2)
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)])

@@ -95,19 +95,20 @@ def test_what_is_said_of_an_ended_work_can_be_closed(studio: Any) -> None:
 @pytest.mark.slow(reason="one more start of the page")
 def test_a_zoom_keeps_the_place_that_was_chosen(studio: Any) -> None:
     page = (opened := studio.open()).page
-    opened.go("prove")
-    page.click("#prove-program")
-    assert opened.ended() == "done"
-    page.locator("#proof-program .worst").nth(1).click()
+    opened.go("program")
+    for stage in ("plan", "run"):
+        page.click(f"#program-{stage}-now")
+        assert opened.ended() == "done"
+    page.locator("#program-worst button").nth(1).click()
     opened.settled()
-    legend = page.inner_text("#proof-program-place .legend")
-    page.focus("#proof-program-path .surface")
+    legend = page.inner_text("#program-place .legend")
+    page.focus("#program-feed .surface")
     page.keyboard.press("+")
     opened.settled()
     opened.go("tune")
-    opened.go("prove")
-    assert page.locator("#proof-program .worst").nth(1).get_attribute("aria-pressed") == "true"
-    assert page.inner_text("#proof-program-place .legend") == legend
+    opened.go("program")
+    assert page.locator("#program-worst button").nth(1).get_attribute("aria-pressed") == "true"
+    assert page.inner_text("#program-place .legend") == legend
 
 
 def test_fields_of_a_guard_that_are_half_filled_stay(served: Callable[..., Any], tmp_path: Path) -> None:

@@ -1,9 +1,8 @@
-"""Compare and Prove in a browser: a click on a law, worst places that zoom, the circle plot, progress and cancel."""
+"""Compare and Prove in a browser: a click on a law, a reload, and the circle plot with its peaks."""
 
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -22,14 +21,13 @@ def mill(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stu
 
 @pytest.fixture(scope="module")
 def ran(mill: Any) -> Any:
-    """A page on which a control was certified, and then a part program was run."""
+    """A page on which a control was certified, and then a circle test was run."""
     opened = mill.open()
     opened.page.wait_for_selector("#verdict:not(:empty)")
     opened.go("prove")
     opened.page.click("#prove-certify")
     assert opened.ended() == "done"
-    opened.page.select_option("#room-prove label:has-text('Part program') select", "slot.ngc")
-    opened.page.click("#prove-program")
+    opened.page.click("#prove-circle")
     assert opened.ended() == "done"
     return opened
 
@@ -71,46 +69,14 @@ def found_mark(page: Any, picture: str, steps: int = 24) -> str:
     raise AssertionError("no mark is pointed at")
 
 
-def test_a_worst_place_zooms_the_path_and_is_shown_1_to_1(ran: Any) -> None:
-    page = ran.page
-    before = readout(page, "proof-program-path")
-    row = page.locator("#proof-program .worst").first
-    text = row.inner_text()
-    row.click()
-    ran.settled()
-    assert row.get_attribute("aria-pressed") == "true"
-    x, y = (float(each) for each in re.search(r"\(([-\d.]+), ([-\d.]+)", text).groups())  # type: ignore[union-attr]
-    seen = readout(page, "proof-program-path").splitlines()[0]
-    middle = [float(each) for each in seen.split(", ")]
-    assert seen != before.splitlines()[0]
-    assert middle == pytest.approx([x, y], abs=0.1)  # a pixel is 0.01 mm
-    error = text.partition(" µm")[0]
-    assert error in page.locator("#proof-program-place .legend").inner_text()
-    assert page.locator("#proof-program-time").is_visible()
-    assert "contour error (µm)" in page.locator("#proof-program-path .legend").inner_text()
-    page.locator("#proof-program-path .u-over").dblclick()  # all of it again
-    ran.settled()
-    assert readout(page, "proof-program-path").splitlines()[0] == before.splitlines()[0]
-
-
-def test_a_worst_place_is_chosen_in_the_picture_too(ran: Any) -> None:
-    page = ran.page
-    said = found_mark(page, "proof-program-path", steps=60)
-    page.mouse.down()
-    page.mouse.up()
-    ran.settled()
-    pressed = page.locator("#proof-program .worst[aria-pressed=true]").inner_text()
-    assert pressed.partition(" at ")[0] == said
-
-
 def test_a_reload_shows_what_was_proven(ran: Any) -> None:
-    texts = ran.page.locator("#proof-program .worst").all_inner_texts()
+    texts = ran.page.locator("#proof-circle .worst").all_inner_texts()
     ran.page.reload()
-    ran.page.wait_for_selector("#proof-program .worst")
-    assert ran.page.locator("#proof-program .worst").all_inner_texts() == texts
-    assert ran.page.locator("#proof-program-path canvas").count() == 1
+    ran.page.wait_for_selector("#proof-circle .worst")
+    assert ran.page.locator("#proof-circle .worst").all_inner_texts() == texts
+    assert ran.page.locator("#proof-circle-circle canvas").count() == 1
     parts = ran.page.locator("#room-prove section[id]:visible")
-    assert [each.get_attribute("id") for each in parts.all()] == ["proof-program", "proof-certificate"]  # latest first
+    assert [each.get_attribute("id") for each in parts.all()] == ["proof-circle", "proof-certificate"]  # latest first
     folded = ran.page.locator("#proof-certificate .report details")  # as on the page that the command writes
     assert folded.locator("summary").all_inner_texts() == ["The control", "What was certified"]
     assert not folded.locator("table:visible, dl:visible").count()
@@ -124,7 +90,7 @@ def test_what_was_proven_is_accessible_and_fits_the_screen(ran: Any, size: tuple
     ran.settled()
     assert ran.barriers() == []
     assert ran.page.evaluate("document.documentElement.scrollWidth") <= size[0]
-    assert ran.page.locator("#proof-program-path canvas").is_visible()
+    assert ran.page.locator("#proof-circle-circle canvas").is_visible()
 
 
 def test_the_circle_plot_and_its_peaks(mill: Any) -> None:
@@ -150,40 +116,6 @@ def test_the_circle_plot_and_its_peaks(mill: Any) -> None:
     assert min(abs(middle - each) for each in place) <= 12.0
     assert float(whole) == pytest.approx(180.0, abs=1.0)
     assert opened.said == []
-
-
-_WATCH = """() => {
-  const job = document.querySelector('#job');
-  window.reports = [];
-  new MutationObserver(() => window.reports.push([job.dataset.state, job.querySelector('span')?.innerText ?? '']))
-    .observe(job, {attributes: true, childList: true, characterData: true, subtree: true});
-}"""
-
-
-def test_a_part_program_moves_its_bar_and_is_canceled_amid_a_step(mill: Any) -> None:
-    """Once the server has heard the click, the step under way is reported, and that in which the work sees it."""
-    page = (opened := mill.open()).page
-    page.wait_for_selector("#verdict:not(:empty)")
-    opened.go("prove")
-    page.select_option("#room-prove label:has-text('Part program') select", "circle_diamond_square.ngc")
-    page.click("#prove-program")
-    seen = set[str]()
-    begun = time.monotonic()
-    while len(seen) < 3 and time.monotonic() - begun < 60.0:
-        text = page.locator("#job span").first.inner_text()
-        seen |= {re.sub(r" \(\d+ s\)$", "", text)}
-        page.wait_for_timeout(20)
-    assert len(seen) >= 3, seen
-    assert page.get_attribute("#job", "data-state") == "running"
-    page.evaluate(_WATCH)
-    page.click("#cancel")
-    page.locator("html:not([data-asked])").wait_for(state="attached")
-    heard = page.evaluate("() => window.reports.length")
-    page.wait_for_function("() => document.querySelector('#job').dataset.state === 'canceled'", timeout=60_000)
-    reports = page.evaluate("() => window.reports")[heard:]
-    assert {state for state, _ in reports} <= {"running", "canceled"}
-    assert len({re.sub(r" \(\d+ s\)$", "", text) for state, text in reports if state == "running"}) <= 2, reports
-    assert page.locator("#proof-program").is_hidden()
 
 
 def test_laws_are_chosen_compared_and_one_is_loaded_by_a_click(mill: Any) -> None:

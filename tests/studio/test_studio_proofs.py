@@ -7,18 +7,15 @@ import shlex
 import struct
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from feeddrive.files.machine import read_machine
 from feeddrive.machining.circle_test import quadrant_peaks
 from feeddrive.studio.bench import Bench, bench_of
-from feeddrive.studio.jobs import CANCELLED, DONE
-from feeddrive.studio.rooms.prove import _bundled
+from feeddrive.studio.jobs import CANCELLED
 from feeddrive.studio.rooms.take import recipe_of
 from feeddrive.studio.server import Session
 from feeddrive.tuning.candidates import candidates
@@ -177,65 +174,6 @@ def test_circles_of_the_control_before_lie_under_those_of_now(session: Session) 
         assert said["text"].startswith(f"{1e6 * each.height:.3g} µm at {each.side}{each.axis}")
 
 
-def test_a_part_program_moves_its_bar_and_shows_worst_places(session: Session) -> None:
-    said = list[bytes]()
-    session.listen(lambda _, each: said.append(each))
-    shown = done(session, "prove.program", name="slot.ngc")
-    states = [read(each)[0].get("job") for each in said]
-    steps = list(dict.fromkeys(each["step"] for each in states if each and each["step"]))
-    assert steps.index("today: its linear model") < steps.index("today: seconds of the run") < steps.index("report")
-    assert states[-1] is not None
-    assert states[-1]["state"] == DONE
-    found = shown["shown"]["program"]
-    path = shown["charts"]["program.path"]["panels"][0]
-    for i, (place, mark) in enumerate(zip(found["worst"], path["marks"], strict=True)):
-        left, right, low, high = place["view"]
-        assert left < mark["x"] < right
-        assert low < mark["y"] < high
-        assert f"program.place_{i}" in shown["charts"]
-        assert f"program.time_{i}" in shown["charts"]
-    largest = float(found["worst"][0]["text"].partition(" µm")[0])
-    assert path["heat"]["high"] == pytest.approx(largest, rel=5e-3)  # three digits
-    assert path["curves"][1]["heat"] is True
-
-
-@pytest.mark.slow(reason="a part program on seven machines: 25 s")
-def test_a_part_program_is_corrected_and_its_setpoints_are_taken_away(session: Session) -> None:
-    shown = done(session, "prove.correct", name="circle_diamond_square.ngc")
-    found = shown["shown"]["corrected"]
-    out = session.desk.folder / "setpath"
-    figures = json.loads((out / "setpath.json").read_text(encoding="utf-8"))["contour_rms_m"]
-    assert 0.0 < figures["corrected"] < figures["plain"]
-    assert f"{1e6 * figures['corrected']:.4g} µm RMS" in found["verdict"][0]
-    panels = shown["charts"]["corrected.deviation"]["panels"]
-    assert len(panels) == 2  # the nominal machine and the worst one
-    assert found["machines"][0] == "nominal"
-    assert len(found["machines"]) == 2
-    highs = {
-        shown["charts"][f"corrected.{when}_{i}"]["panels"][0]["heat"]["high"]
-        for when in ("before", "after")
-        for i in (0, 1)
-    }
-    assert len(highs) == 1  # one scale of colors
-    # what the report says of its trials stands there alone
-    parts = [part for each in found["sections"] for part in each["parts"] if part["kind"] == "remarks"]
-    assert not set(found["said"]) & {text for part in parts for text in part["sentences"]}
-    assert (session.desk.folder / found["archive"]).exists()
-    assert "setpath" in session.desk.results()
-    with zipfile.ZipFile(session.desk.folder / asked(session, "take.result", name="setpath")["give"]) as archive:
-        assert {"setpoints.csv", "setpoints.hal", "report.html"} <= {Path(name).name for name in archive.namelist()}
-    assert "feeddrive setpath " in recipe_of(session.desk).commands
-
-
-@pytest.mark.slow(reason="a part program on seven machines, with four shares of the correction: 20 s")
-def test_a_correction_that_harms_a_machine_is_refused_with_the_machine(session: Session) -> None:
-    found = done(session, "prove.correct", name="slot.ngc")["shown"]["corrected"]
-    assert found["bad"]
-    assert "at most 1.02 is accepted" in found["verdict"][0]
-    assert found["archive"] == ""
-    assert not (session.desk.folder / "setpath" / "setpoints.csv").exists()
-
-
 def test_values_and_radii_go_over_the_wire_behind_their_places(session: Session) -> None:
     said, numbers = read(session.answer({"number": 1, "do": "prove.show"}))
     assert said["shown"] == {}
@@ -265,12 +203,3 @@ def test_of_another_source_no_certificate_is_taken_away_and_of_another_control_i
     assert (tmp_path / "certificate").is_dir()  # of the source before
     assert asked(session, "take.show")["results"] == []
     assert "name must be one of" in asked(session, "take.result", name="certificate")["error"]
-
-
-def test_programs_of_the_tip_are_offered_to_a_five_axis_machine_only() -> None:
-    of_tip = {"blade.ngc", "dome.ngc", "s_curve.ngc", "s_curve_vectors.ngc"}
-    assert of_tip <= set(_bundled(read_machine("trunnion_ac")))
-    for machine in (None, read_machine("xy_table")):
-        offered = _bundled(machine)
-        assert "circle.ngc" in offered
-        assert not of_tip & set(offered)

@@ -111,8 +111,9 @@ def test_two_part_programs_have_a_job_and_a_run_each(tmp_path: Path) -> None:
         part = tmp_path / "other" / "part.ngc"
         part.write_text(f"G21 G90\n{text}\nM2\n", encoding="utf-8")
         session.desk.programs["part.ngc"] = part
-        done(session, "prove.program", name="part.ngc")
-    jobs = [Path(each[2]) for each in words_of(session)]
+        done(session, "program.plan", name="part.ngc")
+        done(session, "program.run", name="part.ngc")
+    jobs = [Path(each[2]) for each in words_of(session) if each[1] == "run"]
     assert len(set(jobs)) == len(jobs) == 2
     for job, text in zip(jobs, ("X1", "X2"), strict=True):
         part = tmp_path / tomllib.loads(job.read_text(encoding="utf-8"))["program"]["file"]

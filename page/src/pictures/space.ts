@@ -19,15 +19,14 @@ export interface Scene {
   flat: boolean; // seen from above at first
   colored: { place: [Row, Row, Row]; values: Row; heat: Heat } | null;
   // the tool beside its path: vectors in µm, drawn `factor` times as long
-  off: { place: [Row, Row, Row]; vector: [Row, Row, Row]; factor: number } | null;
+  off: { place: [Row, Row, Row]; vector: [Row, Row, Row]; counted: Row; factor: number } | null;
   marks: { time: number; text: string; key: string }[];
   tool: { radius: number; length: number };
 }
 
 const VIEWS: Record<string, [yaw: number, pitch: number]> = { Top: [0, 90], Front: [0, 0], Side: [90, 0], Space: [-35, 32] };
 const [STEP, NEAR, MOVED] = [5, 26, 4]; // degrees of a key; pixels in which the path is pointed at, and of a click
-const SHARE = 0.84; // of the picture, that the path fills
-const EDGE = 28; // pixels of axes and scale
+const EDGE = 34; // pixels around the path: for labels, axes and scale
 const LARGE = "large";
 
 export class Space {
@@ -266,27 +265,27 @@ export class Space {
 
   // Middle and scale, so that what moves at a feed fills the picture whatever it is seen from.
   private fit(scene: Scene): void {
+    const [right, up, eye] = this.frame;
     const [low, high]: [Vector, Vector] = [
       [Infinity, Infinity, Infinity],
       [-Infinity, -Infinity, -Infinity],
     ];
+    let [left, wide, below, above] = [Infinity, -Infinity, Infinity, -Infinity];
     const every = scene.at_feed.every((each) => Number.isNaN(each));
+    const room = scene.flat ? 0 : scene.tool.length; // the tool stands above the path
     for (let k = 0; k < scene.time.length; k++) {
       if (!every && Number.isNaN(scene.at_feed[k]!)) continue;
-      for (const i of [0, 1, 2] as const) {
-        low[i] = Math.min(low[i], scene.place[i][k]!);
-        high[i] = Math.max(high[i], scene.place[i][k]!);
-      }
+      const at: Vector = [scene.place[0][k]!, scene.place[1][k]!, scene.place[2][k]!];
+      for (const i of [0, 1, 2] as const) [low[i], high[i]] = [Math.min(low[i], at[i]), Math.max(high[i], at[i])];
+      const [u, v] = [dot(at, right), dot(at, up)];
+      [left, wide] = [Math.min(left, u), Math.max(wide, u)];
+      [below, above] = [Math.min(below, v), Math.max(above, v + room * up[2])];
     }
-    this.center = [0, 1, 2].map((i) => (low[i]! + high[i]!) / 2) as Vector;
     this.box = [low, high];
-    const [right, up] = this.frame;
-    const spans = [right, up].map((way) => [0, 1, 2].reduce((sum, i) => sum + Math.abs(way[i]!) * (high[i]! - low[i]!), 0));
-    // the tool stands above the path
-    const tall = spans[1]! + (scene.flat ? 0 : scene.tool.length * Math.hypot(up[2], 0));
+    const [u, v, w] = [(left + wide) / 2, (below + above) / 2, dot([0, 0, low[2]], eye)];
+    this.center = sum(sum(sum([0, 0, 0], right, u), up, v), eye, w);
     const [width, height] = [this.field.clientWidth - 2 * EDGE, this.field.clientHeight - 2 * EDGE];
-    const most = Math.min(width / Math.max(spans[0]!, 1e-6), height / Math.max(tall, 1e-6));
-    this.scale = SHARE * this.zoom * most;
+    this.scale = this.zoom * Math.min(width / Math.max(wide - left, 1e-6), height / Math.max(above - below, 1e-6));
   }
   private box: [Vector, Vector] = [
     [0, 0, 0],
@@ -321,10 +320,15 @@ export class Space {
     ctx.setLineDash([4, 3]);
     path(true);
     ctx.setLineDash([]);
+    if (!scene.colored) [ctx.strokeStyle, ctx.lineWidth] = [color(101, shown), 2];
     path(false);
     if (scene.off) {
-      const { place, vector, factor } = scene.off;
-      const beside = place.map((row, i) => row.map((each, k) => each + 1e-3 * factor * vector[i]![k]!)) as [Row, Row, Row];
+      const { place, vector, factor, counted } = scene.off; // where it is not a number the line is interrupted
+      const beside = place.map((row, i) => row.map((each, k) => each + 1e-3 * factor * vector[i]![k]! + 0 * counted[k]!)) as [
+        Row,
+        Row,
+        Row,
+      ];
       const [a, b] = this.projected(beside);
       ctx.strokeStyle = color(101, shown);
       ctx.lineWidth = 1;
@@ -358,6 +362,7 @@ export class Space {
 
   private marks(ctx: CanvasRenderingContext2D, scene: Scene): void {
     const shown = look();
+    const named: [number, number][] = []; // where a name stands already
     for (const mark of scene.marks) {
       const [u, v] = this.project(this.placed(mark.time));
       ctx.beginPath();
@@ -368,6 +373,8 @@ export class Space {
       ctx.lineWidth = 1.4;
       ctx.fill();
       ctx.stroke();
+      if (named.some(([x, y]) => Math.abs(x - u) < 34 && Math.abs(y - v) < 24)) continue;
+      named.push([u, v]);
       ctx.fillStyle = shown.ink;
       ctx.textAlign = "center";
       ctx.textBaseline = "middle";

@@ -30,6 +30,7 @@ interface Words {
   machine: string;
   programs: string[];
   chosen: string;
+  source: string; // file and version of the program
   stages: string[];
   next: string;
   refused: string; // why it cannot be corrected
@@ -46,7 +47,7 @@ interface Words {
   tool?: { radius: number; length: number };
   magnified?: number;
   archive?: string;
-  text?: { name: string; lines: string[] };
+  text?: { source: string; lines: string[] };
 }
 
 const RUNS: Record<string, number> = { today: 100, now: 101, corrected: 105 }; // numbers of their curves
@@ -84,7 +85,7 @@ export class Program implements Room {
   private readonly space = new Space("Path");
   private readonly pictures = new Map(Object.entries(PICTURES).map(([key, title]) => [key, new Picture(title, 40, true)]));
   private readonly report = new Report("program");
-  private lines: { name: string; lines: string[] } = { name: "", lines: [] };
+  private lines: { source: string; lines: string[] } = { source: "", lines: [] };
   private asked = ""; // program whose text was asked for
   private place = 0; // worst place that is shown close up
   private shade = ""; // run whose deviation colors the path, or the feed; empty: the latest
@@ -130,7 +131,10 @@ export class Program implements Room {
     });
     this.space.oncursor = (time) => !this.runs && this.point(time);
     this.space.onpick = (key) => this.look(Number(key));
-    for (const each of this.pictures.values()) each.oncursor = (x) => x !== null && !this.points && !this.runs && this.point(x);
+    // a cursor that a person moves: one that is put, or drawn again, is none
+    for (const each of this.pictures.values())
+      each.oncursor = (x) =>
+        x !== null && !this.points && !this.runs && each.element.matches(":hover, :focus-within") && this.point(x);
     whenPainted(() => this.draw());
   }
 
@@ -143,7 +147,12 @@ export class Program implements Room {
     this.plan = Array.from({ length: m }, (_, k) => received.numbers.subarray(at + k * n, at + (k + 1) * n));
     this.element.dataset.state = !words.ready ? "empty" : m ? "planned" : "open";
     if (words.text) this.lines = words.text;
-    if (before?.chosen !== words.chosen || !m) [this.at, this.place] = [0, 0];
+    if (before?.chosen !== words.chosen || JSON.stringify(before.stages) !== JSON.stringify(words.stages)) {
+      this.place = 0;
+      // the tool where it is worst, or where the first feed begins
+      const first = m ? this.plan[BELOW]!.findIndex((each) => !Number.isNaN(each)) : 0;
+      this.at = words.places[0]?.time ?? (m ? (this.plan[TIME]![Math.max(0, first)] ?? 0) : 0);
+    }
     if (before && before.runs.length !== words.runs.length) this.shade = "";
     this.header(words);
     this.slider.max = String(words.cycle ?? 1);
@@ -161,8 +170,8 @@ export class Program implements Room {
         `Plan it within the limits of ${words.machine.split(",")[0] ?? ""}: cycle time, where the feed falls and why, and a proof that every limit is kept.`,
       ),
     ]);
-    if (words.chosen && words.chosen !== this.lines.name && words.chosen !== this.asked) {
-      this.asked = words.chosen;
+    if (words.ready && words.source !== this.lines.source && words.source !== this.asked) {
+      this.asked = words.source;
       this.ask({ do: "program.text", name: words.chosen });
     }
     this.draw();
@@ -252,7 +261,10 @@ export class Program implements Room {
         make(
           "li",
           {},
-          button(`line ${each.line}: ${each.text}, ${String(each.said)}`, () => this.point(each.time), { class: "place" }),
+          button(`line ${each.line}: ${each.text}, ${String(each.said)}`, () => this.point(each.time), {
+            class: "place",
+            title: String(each.said),
+          }),
         ),
       );
       return [
@@ -363,7 +375,7 @@ export class Program implements Room {
     }
     const first = Math.max(0, Math.floor(this.text.scrollTop / TALL) - 4);
     const last = Math.min(lines.length, first + Math.ceil(this.text.clientHeight / TALL) + 8);
-    const shown = JSON.stringify([this.lines.name, first, last, now]);
+    const shown = JSON.stringify([this.lines.source, first, last, now]);
     if (shown === this.listed_now) return;
     this.listed_now = shown;
     this.rows.replaceChildren(
@@ -418,11 +430,11 @@ export class Program implements Room {
       picture.element.hidden = !chart;
       if (chart) picture.draw(chart, last.numbers, look());
     }
-    this.read();
-    this.space.cursor(this.at);
+    this.point(this.at);
   }
 
   private said(words: Words): string {
+    if (!words.ready) return `example: ${words.chosen} on ${words.machine}, as programmed; tool not to scale`;
     const off = this.shaded === FEED ? "" : `, deviation × ${words.magnified}`;
     return `mm${words.tip ? ", tip in the frame of the workpiece" : ""}${off}; tool not to scale`;
   }
@@ -443,8 +455,10 @@ export class Program implements Room {
             values: rows[4]!,
             heat: { label: "contour error (µm)", low: 0, high: Math.max(words.heats[this.shaded] ?? 0, 1e-9) },
           }
-        : { place: three(plan, PLACE), values: plan[BELOW]!, heat: { label: "below the feed (%)", low: 0, high: 100 } },
-      off: rows ? { place: three(rows, 1), vector: three(rows, 5), factor: words.magnified ?? 1 } : null,
+        : words.ready
+          ? { place: three(plan, PLACE), values: plan[BELOW]!, heat: { label: "below the feed (%)", low: 0, high: 100 } }
+          : null,
+      off: rows ? { place: three(rows, 1), vector: three(rows, 5), counted: rows[4]!, factor: words.magnified ?? 1 } : null,
       marks: words.places.map((each, i) => ({ time: each.time, text: String(each.line), key: String(i) })),
       tool: words.tool ?? { radius: 1, length: 10 },
     };

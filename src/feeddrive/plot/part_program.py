@@ -253,6 +253,7 @@ def _round(factor: float) -> float:
 _SPEEDS = ((chart.ALERT, 1.85), (1, 1.6), (4, 1.3), (2, 1.1), (5, 0.95), (0, 0.8))
 _CAUSE_NUMBERS = (chart.ALERT, 1, 0, 4, 2)  # colors of the causes of falls, the largest loss first
 _COLUMNS = 400  # time intervals over the width of a picture
+_ABOVE = 1.3  # of the largest programmed feed: what is faster is cut off
 _FLAT = 0.02  # of the largest extent: an axis that moves less has no separate view
 _MARKED_STOPS = 300  # largest number of marked stops
 _UNITS = {
@@ -452,7 +453,12 @@ def plan_feed_chart(plan: Planned) -> Chart:
         low, high = (np.where(here, values, np.nan) for values in (speed, np.fmax(speed, feed)))
         bands.append(Band(time, low, high, number, loss.names[k]))
     curves = Curve(time, feed, "programmed feed", chart.NEUTRAL, chart.THIN), Curve(time, speed, "speed of the path")
-    return Chart("time (s)", (Panel("feed (mm/min)", curves, bands=tuple(bands), low=0.0),))
+    top, fastest = float(np.nanmax(feed, initial=0.0)), float(np.max(speed, initial=0.0))
+    # a traverse would flatten all that is cut
+    faster = top > 0.0 and fastest > _ABOVE * top
+    caption = Text(f"traverses up to {Quantity(fastest / minutes, 'm/s', form='2 m/min')}") if faster else ""
+    high = _ABOVE * top if top > 0.0 else None
+    return Chart("time (s)", (Panel("feed (mm/min)", curves, bands=tuple(bands), low=0.0, high=high, caption=caption),))
 
 
 plan_feed = figure_of(plan_feed_chart)
@@ -493,7 +499,9 @@ def plan_axes_chart(plan: Planned) -> Chart:
         panels.append(Panel(label, tuple(curves), levels=near, low=low, high=high, caption=caption))
     with np.errstate(invalid="ignore"):
         use = 100.0 * np.max(np.maximum(np.abs(course.low), np.abs(course.high)) / plan.limits.array, axis=2)
-    curves = tuple(Curve(*envelope(course.time, use[:, k]), "", k) for k in range(len(letters)))
+    begins = np.unique(np.linspace(0, len(course.time), min(len(course.time), _COLUMNS) + 1).astype(int)[:-1])
+    most = np.maximum.reduceat(use, begins)
+    curves = tuple(Curve(course.time[begins], most[:, k], "", k, chart.PLAIN) for k in range(len(letters)))
     full = Level(100.0, dashed=True, number=chart.ALERT)
     panels.append(Panel("limit in use (%)", curves, levels=(full,), low=0.0, high=108.0))
     return Chart("time (s)", tuple(panels), height=6.0)

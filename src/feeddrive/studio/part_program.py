@@ -9,12 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.files.machine import BUNDLED, MachineFile
+from feeddrive.files.machine import BUNDLED, MachineFile, read_machine
 from feeddrive.language.progress import Progress
 from feeddrive.language.quantity import DRAWN, Quantity
 from feeddrive.language.text import Text
@@ -41,6 +42,9 @@ _TOOL, _SHANK = 0.012, 0.22  # of the same: radius and length of the tool as dra
 _SPAN = 1e-6  # m: a path is drawn at least this large
 MOVES_TIP = re.compile(r"^\s*(?:N\d+\s*)?(?:G0\s*)?G43\.[45]|^\s*TRAORI", re.MULTILINE)
 _WORD = re.compile(r"([XYZABC])\s*[-+#\[.\d]")
+_ENTRY = re.compile(r"([A-Z])\s*([-+]?\d*\.?\d+)")
+EXAMPLE = "trunnion_ac", "s_curve.ngc"
+"""The machine and the part program of the example."""
 _REMARK = re.compile(r"\([^)]*\)|;.*")
 NOW, TODAY, CORRECTED = "now", "today", "corrected"
 _OF = {TODAY: NUMBERS["today"], NOW: NUMBERS["now"], CORRECTED: NUMBERS["found"]}
@@ -126,7 +130,9 @@ def planned(request: PlanRequest, progress: Progress) -> Stage:
         "angle": None if tip is None else tip.angle,
         "kinematics": plan.kinematics is not None,
     }
-    words = {**shown(outcome, ()).words, "letters": plan.limits.letters, "size": _extent(plan)}
+    assert request.out is not None
+    archive = packed(request.out).name
+    words = {**shown(outcome, ()).words, "letters": plan.limits.letters, "size": _extent(plan), "archive": archive}
     return Stage(words, _drawn(charts, outcome), _path(plan), figures, falls=listed)
 
 
@@ -168,6 +174,24 @@ def _extent(plan: Planned) -> float:
     points = _points(plan)
     at_feed = points[np.isfinite(plan.course.feed) & (plan.course.feed > 0.0)]
     return max(float(np.max(np.ptp(at_feed, axis=0), initial=0.0)) if len(at_feed) else 0.0, _SPAN)
+
+
+@cache
+def example_path() -> np.ndarray:
+    """Return the bundled example as it is programmed, in the rows of `_path`: what the page shows without a machine."""
+    kinematics = read_machine(EXAMPLE[0]).kinematics
+    assert kinematics is not None
+    at, feed, rows = dict.fromkeys("XYZAC", 0.0), 0.0, list[list[float]]()
+    for number, text in enumerate((BUNDLED / "programs" / EXAMPLE[1]).read_text(encoding="utf-8").splitlines(), 1):
+        words = [(letter, float(value)) for letter, value in _ENTRY.findall(_REMARK.sub("", text))]
+        at |= {letter: value for letter, value in words if letter in at}
+        feed = next((value for letter, value in words if letter == "F"), feed)
+        if feed and any(letter in at for letter, _ in words):
+            rows.append([number, *at.values()])
+    line, x, y, z, a, c = np.array(rows).T
+    length = np.append(0.0, np.cumsum(np.hypot(np.hypot(np.diff(x), np.diff(y)), np.diff(z))))
+    axis = [np.broadcast_to(part, len(x)) for part in kinematics.tool_axis((np.radians(a), np.radians(c)))]
+    return np.vstack([60.0 * length / feed, line, x, y, z, *axis, np.zeros(len(x)), x, y, z, a, c])
 
 
 def tool_drawn(extent: float) -> dict[str, float]:
@@ -278,18 +302,20 @@ def deviation_chart(ways: Sequence[Way], bounds: tuple[float, float] | None) -> 
         Curve(way.time, 1e6 * way.size, way.name, _OF[way.name], caption=Text(f"{Quantity(way.rms, 'm')} RMS"))
         for way in ways
     )
-    levels = () if bounds is None else (_proven(1e6 * bounds[0]),)
-    label = "deviation (µm)" if bounds is None else "tip (µm)"
-    panels = [Panel(label, curves, levels=levels, low=0.0)]
+    label, levels, caption = "deviation (µm)", (), ""
+    if bounds is not None:
+        label, levels = "tip (µm)", (Level(1e6 * bounds[0], dashed=True),)
+        caption = Text(f"dashed: the plan off the program, proven ≤ {Quantity(bounds[0], 'm'):3}")
+    panels = [Panel(label, curves, levels=levels, low=0.0, caption=caption)]
     turned = [way for way in ways if way.direction_largest is not None]
     if bounds is not None and turned:
         curves = tuple(Curve(way.time, 1e6 * way.direction, "", _OF[way.name]) for way in turned)
-        panels.append(Panel("tool angle (µrad)", curves, levels=(_proven(1e6 * bounds[1]),), low=0.0))
+        proven = Quantity(bounds[1], "rad", form="3 urad", stays=True)
+        caption = Text(f"dashed: the plan, proven ≤ {proven}")
+        levels = (Level(1e6 * bounds[1], dashed=True),)
+        most = 1e6 * max(bounds[1], *(way.direction_largest or 0.0 for way in turned))
+        panels.append(Panel("tool angle (µrad)", curves, levels=levels, low=0.0, high=1.08 * most, caption=caption))
     return Chart("time (s)", tuple(panels))
-
-
-def _proven(value: float) -> Level:
-    return Level(value, "plan, proven", dashed=True)
 
 
 def _drawn(charts: Mapping[str, Chart], outcome: Outcome[Any]) -> dict[str, Chart]:

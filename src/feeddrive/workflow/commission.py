@@ -31,7 +31,7 @@ def commission(request: CommissionRequest, progress: Progress) -> Outcome[Commis
     The result is a `Commissioned`; a reason to stop is its `refusal`.  Raises BusError and AbortedError for a drive
     that cannot be commanded, ParameterError for limits that are too narrow.
     """
-    axis = _in_mode(_axis(request), request.mode)
+    axis = _in_mode(live_axis(request), request.mode)
     if request.yes and not axis.is_virtual:
         raise ParameterError(f"--yes is for a virtual drive only: {axis.where} may move something real")
     chain = _chain(axis)
@@ -65,7 +65,8 @@ def _in_mode(axis: LiveAxis, mode: str | None) -> LiveAxis:
     return axis.in_mode(mode)
 
 
-def _axis(request: CommissionRequest) -> LiveAxis:
+def live_axis(request: CommissionRequest) -> LiveAxis:
+    """Return the axis that a request names: of a drive, of both drives of a gantry, or a virtual one."""
     if request.virtual is not None:
         return virtual_axis(request.virtual)
     assert request.drive is not None

@@ -140,6 +140,8 @@ SHAKEN = 0.1  # of the force that is free: RMS of what noise and counts make of 
 UNKNOWN_DELAY = 2e-3  # s that a drive may need beside its bus cycles, until it is measured
 HEAVIER, HARDER = 1.5, 1.5  # times the rough mass and resistance: what the monitor takes for the largest
 AXIS = "x"
+STOPPED = "it was stopped by hand; the same command goes on with the step that was stopped"
+"""The refusal of a commissioning that a person stopped."""
 
 
 class CommissionRequest(Request, more=limit_options(), after="goal"):
@@ -355,7 +357,7 @@ class Chain:
         except RefusedError as refused:
             refusal = refused.why
         except CancelledError:
-            refusal = "it was stopped by hand; the same command goes on with the step that was stopped"
+            refusal = STOPPED
         except FeeddriveError as error:
             # what was measured so far stays, and the reason is the result
             if isinstance(error, AbortedError) and not self.steps:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from feeddrive.files.machine import BUNDLED
 from feeddrive.files.toml_file import quoted
@@ -16,6 +19,7 @@ from feeddrive.studio.bench import bench_of
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, act, free_name
 from feeddrive.studio.part_program import (
     CORRECTED,
+    EXAMPLE,
     MOVES_TIP,
     NOW,
     TODAY,
@@ -24,6 +28,7 @@ from feeddrive.studio.part_program import (
     bundled_programs,
     corrected,
     deviation_chart,
+    example_path,
     magnified,
     planned,
     ran,
@@ -37,8 +42,7 @@ from feeddrive.workflow.setpath import SetpathRequest
 
 _PROGRAM = "a part program, beside its job"
 _RULE = "equal setpoints, planned once; today's control and the one that was tuned on the page"
-_EXAMPLE, _AXIS = "trunnion_ac", "x"
-_FIRST = ("s_curve.ngc", "circle_diamond_square.ngc")  # of the bundled ones: short, and with something to see
+_FIRST = (EXAMPLE[1], "circle_diamond_square.ngc")  # of the bundled ones: short, and with something to see
 _LINES = 20_000  # of a program that the page shows
 _ERRORS = (("rms", "RMS"), ("largest", "largest"))
 PLAN, RUN, CORRECT = "plan", "run", "correct"
@@ -60,21 +64,24 @@ class Program(Room):
     def begin(self) -> None:
         """Discard the results for the previous machine."""
         self.chosen = ""
-        self.results: dict[str, dict[str, tuple[Held, Stage]]] = {}  # by program, then by stage
+        self.results: dict[Path, dict[str, tuple[Held, Stage]]] = {}  # by program, then by stage
 
     def show(self) -> Said:
         """Return the programs, and what is known of the chosen one."""
         names, name = self._names(), self._name()
-        stages = self.results.get(name, {})
+        if not names:
+            return self._empty()
+        stages = self.results.get(self._path(name), {})
         latest = next(reversed(stages.values()), None)
         plan = stages[PLAN][1] if PLAN in stages else None
         ways = self._ways(stages)
         tip = self._moves_tip(name)
         words: dict[str, Any] = {
-            "ready": bool(names),
-            "machine": "" if self.desk.bench is None else self.desk.bench.title,
+            "ready": True,
+            "machine": self.desk.needed.title,
             "programs": names,
             "chosen": name,
+            "source": _version(self._path(name)),
             "stages": list(stages),
             "next": self._next(stages, tip),
             "refused": _OF_TIP if tip else "",
@@ -89,6 +96,7 @@ class Program(Room):
         }
         if plan is None:
             return Said(words)
+        archives = [stages[key][1].words for key in (CORRECT, PLAN) if key in stages]
         size = float(plan.words["size"])
         largest = max((way.largest for way in ways.values()), default=0.0)
         words |= {
@@ -96,7 +104,7 @@ class Program(Room):
             "cycle": plan.figures["cycle"],
             "tool": tool_drawn(size),
             "magnified": magnified(size, largest),
-            "archive": stages[CORRECT][1].words["archive"] if CORRECT in stages else "",
+            "archive": next((words["archive"] for words in archives if words["archive"]), ""),
         }
         charts = {name: chart for _, stage in stages.values() for name, chart in stage.charts.items()}
         if ways:
@@ -104,6 +112,26 @@ class Program(Room):
             charts["deviation"] = deviation_chart(list(ways.values()), bounds).shown(DRAWN)
         rows = {"plan": plan.plan} if plan.plan is not None else {}
         return Said(words, charts, {**rows, **{way.name: way.rows() for way in ways.values()}})
+
+    def _empty(self) -> Said:
+        """Return an example, for a page without a machine whose axes a program moves."""
+        path = example_path()
+        size = 1e-3 * float(np.max(np.ptp(path[2:5], axis=1)))
+        words: dict[str, Any] = {
+            "ready": False,
+            "machine": EXAMPLE[0],
+            "chosen": EXAMPLE[1],
+            "source": "",
+            "tip": True,
+            "letters": "XYZAC",
+            "cycle": float(path[0, -1]),
+            "tool": tool_drawn(size),
+            "found": None,
+            "heats": {},
+            **dict.fromkeys(("programs", "stages", "figures", "falls", "places", "runs"), ()),
+            **dict.fromkeys(("next", "refused", "verdict"), ""),
+        }
+        return Said(words, rows={"plan": path})
 
     @act
     def choose(self, asked: Asked) -> None:
@@ -114,14 +142,14 @@ class Program(Room):
     def text(self, asked: Asked) -> Said:
         """Return the lines of a part program, with the state of the page as it was."""
         name = asked.choice("name", self._names())
-        lines = read_text(self._path(name), _LINES)
-        answer = self.show()
-        return Said({**answer.words, "text": {"name": name, "lines": lines}}, answer.charts, answer.rows)
+        path, answer = self._path(name), self.show()
+        text = {"source": _version(path), "lines": read_text(path, _LINES)}
+        return replace(answer, words={**answer.words, "text": text})
 
     @act
     def example(self, _: Asked) -> None:
         """Open a bundled five-axis machine, and plan its S curve."""
-        self.desk.put(bench_of(_EXAMPLE, _AXIS))
+        self.desk.put(bench_of(EXAMPLE[0], "x"))
         self._plan(self._name())
 
     @act
@@ -134,12 +162,13 @@ class Program(Room):
         """Run the chosen part program on the machine, under today's control and the one of now."""
         name = self._asked(asked)
         self._need_plan(name)
+        source = self._path(name)
         request = RunRequest(str(self._job(name)), out=free_name(self.desk.folder, "run"))
         held = self.desk.held()
 
         def then(stage: Stage) -> None:
             self.desk.did("run", request, held.control)
-            self._put(name, RUN, held, stage)
+            self._put(source, RUN, held, stage)
 
         self.desk.start(self.name, f"run {name}", partial(ran, request), then)
 
@@ -150,7 +179,7 @@ class Program(Room):
         if self._moves_tip(name):
             raise ParameterError(f"{_OF_TIP}.")
         self._need_plan(name)
-        job = self._job(name)
+        job, source = self._job(name), self._path(name)
         request = SetpathRequest(
             str(job), law=NOW if self._changed else None, out=free_name(self.desk.folder, "setpath")
         )
@@ -158,22 +187,22 @@ class Program(Room):
 
         def then(stage: Stage) -> None:
             self.desk.did("setpath", request, held.control)
-            self._put(name, CORRECT, held, stage)
+            self._put(source, CORRECT, held, stage)
 
         self.desk.start(self.name, f"correct {name}", partial(corrected, request), then)
 
     def _plan(self, name: str) -> None:
-        out = free_name(self.desk.folder, "plan")
+        out, source = free_name(self.desk.folder, "plan"), self._path(name)
         # a copy in the folder of the page, which the commands of the recipe name
-        part = self.desk.keep(Path(name).name, self._path(name).read_bytes(), _PROGRAM)
+        part = self.desk.keep(Path(name).name, source.read_bytes(), _PROGRAM)
         request = PlanRequest(part, machine=whole(self.desk.needed.file), out=out)
         held = self.desk.held()
 
         def then(stage: Stage) -> None:
             self.desk.did("plan", request)
             # what ran belongs to the plan before
-            self.results[name] = {}
-            self._put(name, PLAN, held, stage)
+            self.results[source] = {}
+            self._put(source, PLAN, held, stage)
 
         self.desk.start(self.name, f"plan {name}", partial(planned, request), then)
 
@@ -185,7 +214,7 @@ class Program(Room):
         return self.chosen
 
     def _need_plan(self, name: str) -> None:
-        if PLAN not in self.results.get(name, {}):
+        if PLAN not in self.results.get(self._path(name), {}):
             raise ParameterError(f"{name} is not planned yet: plan it first")
 
     def _names(self) -> list[str]:
@@ -248,11 +277,17 @@ class Program(Room):
         ]
         return self.desk.keep("job.toml", "\n".join(text).encode(), f"the job of {part.name}, which stands beside it")
 
-    def _put(self, name: str, stage: str, held: Held, result: Stage) -> None:
+    def _put(self, source: Path, stage: str, held: Held, result: Stage) -> None:
         """Store the latest result of a stage."""
-        stages = self.results.setdefault(name, {})
+        stages = self.results.setdefault(source, {})
         stages.pop(stage, None)
         stages[stage] = held, result
+
+
+def _version(path: Path) -> str:
+    """Return what tells a program from another one that was imported under its name."""
+    status = path.stat()
+    return f"{path.name} {status.st_size} {status.st_mtime_ns}"
 
 
 def _gauge(key: str, title: str, quantity: Text | str, note: str = "", state: str = "free") -> dict[str, str]:
@@ -283,7 +318,7 @@ def _gauges(plan: Stage, ways: Mapping[str, Way], stages: Mapping[str, Any]) -> 
         ),
     ]
     if figures["tip"] is not None:
-        bound = Text(f"tool within {Quantity(figures['angle'], 'rad'):deg} of its direction").shown(DRAWN)
+        bound = Text(f"tool within {Quantity(figures['angle'], 'rad'):2 deg} of its direction").shown(DRAWN)
         gauges.append(_gauge("tip", "Tip within, planned", Text(f"{Quantity(figures['tip'], 'm'):3}"), bound, "kept"))
     shown = list(ways.values())
     if not shown:
