@@ -53,7 +53,7 @@ def test_a_person_answers_on_the_page_and_another_tab_cannot(served: Any, tmp_pa
     assert page.locator("#commission-stop").is_enabled()
     assert page.inner_text("#commission-asked").startswith("Small move: the drive's own control moves the axis by")
     assert page.get_attribute("#commission-steps li:nth-child(1)", "data-state") == "done"
-    assert page.inner_text("#commission-steps [aria-current=step] strong") == "small move"
+    assert page.inner_text("#commission-steps [aria-current=step] strong") == "Small move"
     assert opened.barriers() == []
 
     # a tab that was duplicated has the same session, and may look and stop
