@@ -17,6 +17,8 @@ import feeddrive as fd
 from feeddrive import plot
 from feeddrive.files.machine import planned_kinematics, planned_limits, read_machine
 from feeddrive.language.errors import FeeddriveError, ProgramError
+from feeddrive.language.quantity import DRAWN
+from feeddrive.language.text import Text
 from feeddrive.path.feed_loss import CORNER, SHAPES
 from feeddrive.path.geometry.joints import joined
 from feeddrive.path.geometry.tip import Mapped, beyond, fastest, mapped
@@ -420,6 +422,20 @@ def test_the_pictures_show_tip_and_joints(tmp_path: Path) -> None:
         "joints",
     ]
     assert plot.planned_chart(result).panels[0].label == "Y (mm)"
+    # the axes of the page: X from 0 to 50 and back to its joint's place, of a travel of 500 mm; use of limits to 100 %
+    linear, rotary, use = plot.plan_axes_chart(result).panels
+    assert [curve.name for curve in (*linear.curves, *rotary.curves)] == ["X", "Y", "Z", "A", "C"]
+    x = result.course.position[:, 0]
+    least, most = (float(end) for end in (result.limits.axes["X"].travel_least, result.limits.axes["X"].travel_most))  # type: ignore[arg-type]
+    assert f"X {100.0 * np.ptp(x) / (most - least):.2g} %" in Text(linear.caption).shown(DRAWN)
+    assert max(float(np.max(curve.y)) for curve in use.curves) <= 100.0 * (1.0 + 1e-9)
+    assert max(float(np.max(curve.y)) for curve in use.curves) > 90.0  # something limits a motion
+    (feed,) = plot.plan_feed_chart(result).panels
+    programmed, speed = feed.curves
+    assert np.all(speed.y <= programmed.y * (1.0 + 1e-9))
+    assert float(np.max(speed.y)) > 2900.0  # mm/min: it reaches its feed of 3000
+    for band in feed.bands:  # between the speed and the feed
+        assert np.all((band.low <= band.high) | np.isnan(band.low))
 
 
 def test_joints_that_cannot_follow_the_tip_are_a_cause_of_its_own(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from feeddrive.plot.chart import THIN
 from feeddrive.plot.complex_plane import certificate_chart, certificate_discs_chart
 from feeddrive.plot.laws import HEIGHTS, X, tradeoff_chart
 from feeddrive.plot.machining import circle_chart, unrolled_chart
-from feeddrive.plot.part_program import contour_on_path, contour_on_path_chart, place_chart, place_view
+from feeddrive.plot.part_program import contour_on_path, contour_on_path_chart, place_chart
 from feeddrive.workflow.certify import certify
 
 UM = 1e-6
@@ -183,11 +183,9 @@ def test_a_worst_place_is_shown_1_to_1_with_its_error() -> None:
         assert float(np.min(np.hypot(tool.x, tool.y))) == pytest.approx(0.0, abs=1e-6)
         nearest = float(np.min(np.hypot(path.x, path.y)))
         assert nearest == pytest.approx(1e6 * abs(place.error), rel=0.02)  # a sample of the path is 2.7 um long
-        left, right, low, high = place_view(found, place)
-        x, y = 1e3 * place.position
-        assert left < x < right
-        assert low < y < high
-        assert right - left == pytest.approx(high - low) == pytest.approx(0.24 * 20.0, rel=0.02)
+    # beside another run of the same program, each with its name and its number
+    chart = place_chart(found, place, [("today", 100, found), ("now", 101, found)])
+    assert [(curve.name, curve.number) for curve in chart.panels[0].curves[1:3]] == [("today", 100), ("now", 101)]
 
 
 def test_the_reserve_of_a_certificate_is_the_room_over_the_radius(certificate: Certificate) -> None:

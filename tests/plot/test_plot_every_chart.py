@@ -490,12 +490,13 @@ ELSEWHERE = {
     "plot/test_plot_uncertainty.py": "estimates overlay",
     "analysis/test_poles_and_step.py": "plane damping step_response",
     "path/test_plan_command.py": "planned plan_causes plan_losses plan_profiles",
-    "path/test_tip.py": "plan_joints",
+    "path/test_tip.py": "plan_axes plan_feed plan_joints",
     "machining/test_five_axis_job.py": "tip_error tip_joints",
     "machining/test_held_tip.py": "held_tip",
     "workflow/test_setpath.py": "corrected corrected_path learned",
     "workflow/test_travel_command.py": "travel",
     "studio/test_studio_pictures.py": "moves snap",
+    "studio/test_studio_program.py": "deviation",
     "workflow/test_commission.py": "commissioned strokes commissioning_responses commissioning_trial",
 }
 REFUSED = {"recipe_chart"}  # these results have no picture, and say so

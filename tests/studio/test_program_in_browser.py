@@ -40,6 +40,7 @@ def line(page: Any) -> int:
     return int(page.inner_text(".lines [aria-current] i"))
 
 
+@pytest.mark.slow(reason="one more start of server and browser: 5 s")
 def test_without_a_machine_an_example_is_shown_with_its_one_button(browser: Any, tmp_path: Any) -> None:
     made = Studio(browser, tmp_path / "studio")
     try:

@@ -26,7 +26,7 @@ export interface Scene {
 
 const VIEWS: Record<string, [yaw: number, pitch: number]> = { Top: [0, 90], Front: [0, 0], Side: [90, 0], Space: [-35, 32] };
 const [STEP, NEAR, MOVED] = [5, 26, 4]; // degrees of a key; pixels in which the path is pointed at, and of a click
-const EDGE = 34; // pixels around the path: for labels, axes and scale
+const EDGE = 28; // pixels around the path: for labels, axes and scale
 const LARGE = "large";
 
 export class Space {

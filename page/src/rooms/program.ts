@@ -251,11 +251,12 @@ export class Program implements Room {
         return make(
           "li",
           {},
-          button(`line ${each.line}: ${sizes.map((size, k) => `${names.at(k - sizes.length) ?? ""} ${size}`).join(", ")}`, () => this.look(i), {
+          button(`line ${each.line}: ${sizes.join(" → ")}`, () => this.look(i), {
             class: "place",
+            title: names.join(", then "),
             "aria-pressed": String(i === this.place),
           }),
-        ); // prettier-ignore
+        );
       });
       const slow = falls.map((each) =>
         make(
@@ -420,6 +421,7 @@ export class Program implements Room {
     if (!last || !words || this.element.closest("[hidden]")) return;
     if (!this.play.childElementCount) this.playing(false);
     this.listed();
+    this.shading(words);
     this.report.draw(last);
     if (!plan.length) return;
     this.space.draw(this.scene(words), words.chosen, this.said(words));

@@ -116,8 +116,12 @@ from feeddrive.plot.part_program import part_run as part_run
 from feeddrive.plot.part_program import part_run_chart as part_run_chart
 from feeddrive.plot.part_program import part_zoom as part_zoom
 from feeddrive.plot.part_program import part_zoom_chart as part_zoom_chart
+from feeddrive.plot.part_program import plan_axes as plan_axes
+from feeddrive.plot.part_program import plan_axes_chart as plan_axes_chart
 from feeddrive.plot.part_program import plan_causes as plan_causes
 from feeddrive.plot.part_program import plan_causes_chart as plan_causes_chart
+from feeddrive.plot.part_program import plan_feed as plan_feed
+from feeddrive.plot.part_program import plan_feed_chart as plan_feed_chart
 from feeddrive.plot.part_program import plan_joints as plan_joints
 from feeddrive.plot.part_program import plan_joints_chart as plan_joints_chart
 from feeddrive.plot.part_program import plan_losses as plan_losses

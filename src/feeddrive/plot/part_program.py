@@ -132,7 +132,17 @@ def _factor(contour: ContourError, axes: tuple[int, int]) -> float:
     """Return the round enlargement factor that makes the largest deviation about 1/12 of the path's extent."""
     foot = (contour.position - contour.vector)[contour.counted]
     extent = max((float(np.ptp(foot[:, column])) if len(foot) else 0.0 for column in axes), default=0.0)
-    return _round(_ENLARGED * max(extent, 1e-12) / max(contour.largest, 1e-15))
+    return enlargement(extent, contour.largest)
+
+
+def enlargement(extent: float, largest: float) -> float:
+    """Return a factor of at least 1 with which a deviation is about 1/12 of an extent: 1, 2 or 5 times a power of ten.
+
+    extent, largest  extent of the path and largest deviation, m
+    """
+    wanted = max(_ENLARGED * max(extent, 1e-12) / max(largest, 1e-15), 1.0)
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(power * max(step for step in _STEPS if step * power <= wanted))
 
 
 def _ends(values: np.ndarray) -> tuple[float, float]:
@@ -241,12 +251,6 @@ def _tolerance(path: np.ndarray, half: float) -> Curve:
         caption=Text(f"tolerance {Quantity(1e-6 * half, 'm'):3}"),
         size=0.65,
     )
-
-
-def _round(factor: float) -> float:
-    """Round a factor down to 1, 2 or 5 times a power of ten; at least 1."""
-    power = 10.0 ** np.floor(np.log10(max(factor, 1.0)))
-    return float(power * max(step for step in _STEPS if step * power <= max(factor, 1.0)))
 
 
 # from slow to fast: warm to cold, and thinner, so that gray print shows it too; number of the color, and width

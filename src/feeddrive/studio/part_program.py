@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 _POINTS = 4000  # of a path on the page: more than it has pixels across
 _PLACES = 8  # worst places that are listed
 _FALLS = 12  # falls of the feed that are listed
-_ENLARGED = 0.06  # of the extent of a path: size of the largest deviation as drawn
 _TOOL, _SHANK = 0.012, 0.22  # of the same: radius and length of the tool as drawn, where no diameter is known
 _SPAN = 1e-6  # m: a path is drawn at least this large
 MOVES_TIP = re.compile(r"^\s*(?:N\d+\s*)?(?:G0\s*)?G43\.[45]|^\s*TRAORI", re.MULTILINE)
@@ -197,13 +196,6 @@ def example_path() -> np.ndarray:
 def tool_drawn(extent: float) -> dict[str, float]:
     """Return radius and length of the tool as it is drawn, mm, for a path of this extent, m."""
     return {"radius": 1e3 * _TOOL * extent, "length": 1e3 * _SHANK * extent}
-
-
-def magnified(extent: float, largest: float) -> float:
-    """Return a round factor of 1, 2 or 5 times a power of ten, by which a deviation, m, is seen on a path, m."""
-    wanted = max(_ENLARGED * extent / max(largest, 1e-12), 1.0)
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted))
 
 
 def ran(request: RunRequest, progress: Progress) -> Stage:

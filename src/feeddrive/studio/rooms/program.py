@@ -15,6 +15,7 @@ from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import DRAWN, Quantity, count_of
 from feeddrive.language.text import Text
+from feeddrive.plot.part_program import enlargement
 from feeddrive.studio.bench import bench_of
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, act, free_name
 from feeddrive.studio.part_program import (
@@ -29,7 +30,6 @@ from feeddrive.studio.part_program import (
     corrected,
     deviation_chart,
     example_path,
-    magnified,
     planned,
     ran,
     read_text,
@@ -103,7 +103,7 @@ class Program(Room):
             "letters": plan.words["letters"],
             "cycle": plan.figures["cycle"],
             "tool": tool_drawn(size),
-            "magnified": magnified(size, largest),
+            "magnified": enlargement(size, largest),
             "archive": next((words["archive"] for words in archives if words["archive"]), ""),
         }
         charts = {name: chart for _, stage in stages.values() for name, chart in stage.charts.items()}
