@@ -251,7 +251,7 @@ class Program(Room):
         return {name: ways[name] for name in (TODAY, NOW, CORRECTED) if name in ways}
 
     def _placed(self, stages: Mapping[str, tuple[Held, Stage]]) -> tuple[Mapping[str, Any], ...]:
-        return next((stage.places for _, stage in reversed(stages.values()) if stage.places), ())
+        return next((stage.places for _, stage in reversed(list(stages.values())) if stage.places), ())
 
     @property
     def _changed(self) -> bool:
