@@ -113,21 +113,21 @@ def tour(browser: Any, folder: Path) -> None:
         page.take("studio_tour_model")
         page.click("#take-identified", "#verdict:not(:empty)")
         page.take("studio_tour_today")
-        page.click("#tab-goal")
-        page.write("#goal-field-max_compliance", "0.16")
-        page.click("#tune-start", "#room-goal .verdict")
+        page.click("#tab-optimize")
+        page.write("#optimize-field-max_compliance", "0.16")
+        page.click("#tune-start", "#room-optimize .verdict")
         page.take("studio_tour_goal")
-        page.click("#goal-accept", "#room-tune:not([hidden]) #verdict:not(:empty)")
+        page.click("#optimize-accept", "#room-tune:not([hidden]) #verdict:not(:empty)")
         page.take("studio_tour_after")
         page.click("#tab-prove")
         page.click("#prove-certify", "#room-prove h2:has-text('Certificate')")
         page.take("studio_tour_proof")
-        page.click("#tab-take")
-        page.click("#take-export-c", "#take-archive-c")
+        page.click("#tab-export")
+        page.click("#export-target-c", "#export-archive-c")
         page.take("studio_tour_export")
 
 
-def bring(browser: Any, folder: Path) -> None:
+def import_(browser: Any, folder: Path) -> None:
     """A log as it was understood."""
     feeddrive("tour", "--out", str(folder / "tour"))
     with studio(browser, folder, "tour/tour.csv") as page:
@@ -186,12 +186,12 @@ def measured(browser: Any, folder: Path) -> None:
         page.take("studio_measured")
 
 
-def goal(browser: Any, folder: Path) -> None:
+def optimize(browser: Any, folder: Path) -> None:
     """A search that has ended."""
     with studio(browser, folder, "linear_motor") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
-        page.click("#tab-goal")
-        page.click("#tune-start", "#room-goal .verdict")
+        page.click("#tab-optimize")
+        page.click("#tune-start", "#room-optimize .verdict")
         page.take("studio_goal")
 
 
@@ -223,7 +223,7 @@ def feeddrive(*words: str) -> None:
 
 
 DRAWN: dict[str, Callable[[Any, Path], None]] = {
-    each.__name__: each for each in (tour, bring, scope, by_hand, measured, goal, prove, compare)
+    each.__name__: each for each in (tour, import_, scope, by_hand, measured, optimize, prove, compare)
 }
 
 

@@ -215,6 +215,6 @@ def test_laws_are_chosen_compared_and_one_is_loaded_by_a_click(mill: Any) -> Non
     page.get_by_role("button", name="Tune on with P-PI + compensator").click()  # the same by the keyboard
     page.wait_for_selector("#tab-tune[aria-selected=true]")
     opened.settled()
-    opened.go("take")
+    opened.go("export")
     assert "--take 'P-PI + compensator'" in page.inner_text("#recipe-commands")
     assert opened.said == []

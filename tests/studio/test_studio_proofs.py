@@ -18,8 +18,8 @@ from feeddrive.files.machine import read_machine
 from feeddrive.machining.circle_test import quadrant_peaks
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.jobs import CANCELLED, DONE
+from feeddrive.studio.rooms.export import recipe_of
 from feeddrive.studio.rooms.prove import _bundled
-from feeddrive.studio.rooms.take import recipe_of
 from feeddrive.studio.server import Session
 from feeddrive.tuning.candidates import candidates
 from feeddrive.workflow.compare import TAKEN, CompareRequest
@@ -222,7 +222,7 @@ def test_a_part_program_is_corrected_and_its_setpoints_are_taken_away(session: S
     assert not set(found["said"]) & {text for part in parts for text in part["sentences"]}
     assert (session.desk.folder / found["archive"]).exists()
     assert "setpath" in session.desk.results()
-    with zipfile.ZipFile(session.desk.folder / asked(session, "take.result", name="setpath")["give"]) as archive:
+    with zipfile.ZipFile(session.desk.folder / asked(session, "export.result", name="setpath")["give"]) as archive:
         assert {"setpoints.csv", "setpoints.hal", "report.html"} <= {Path(name).name for name in archive.namelist()}
     assert "feeddrive setpath " in recipe_of(session.desk).commands
 
@@ -254,17 +254,17 @@ def test_of_another_source_no_certificate_is_taken_away_and_of_another_control_i
 ) -> None:
     session = Session(tmp_path, bench)
     done(session, "prove.certify")
-    assert asked(session, "take.show")["results"] == [{"name": "certificate", "said": ""}]
+    assert asked(session, "export.show")["results"] == [{"name": "certificate", "said": ""}]
     name, before = next(iter(session.desk.values.items()))
     asked(session, "tune.move", name=name, value=0.9 * before)
-    (found,) = asked(session, "take.show")["results"]
+    (found,) = asked(session, "export.show")["results"]
     assert found["said"] == "This result belongs to an earlier control. Run it again for the current one."
     asked(session, "tune.move", name=name, value=before)
-    assert asked(session, "take.show")["results"] == [{"name": "certificate", "said": ""}]
-    assert "error" not in asked(session, "bring.bundled", name="ball_screw")
+    assert asked(session, "export.show")["results"] == [{"name": "certificate", "said": ""}]
+    assert "error" not in asked(session, "import.bundled", name="ball_screw")
     assert (tmp_path / "certificate").is_dir()  # of the source before
-    assert asked(session, "take.show")["results"] == []
-    assert "name must be one of" in asked(session, "take.result", name="certificate")["error"]
+    assert asked(session, "export.show")["results"] == []
+    assert "name must be one of" in asked(session, "export.result", name="certificate")["error"]
 
 
 def test_programs_of_the_tip_are_offered_to_a_five_axis_machine_only() -> None:

@@ -97,7 +97,7 @@ class Row {
 
   private send(): void {
     this.ask({
-      do: "bring.role",
+      do: "import.role",
       name: this.file,
       column: this.shown.column,
       role: this.role.value,

@@ -158,6 +158,6 @@ export class Rated {
     request.gear = numberOf(this.gear.input.value);
     request.inverted = this.inverted.checked;
     // half of the data is no error: the rest is still to be entered
-    if (complete) this.ask({ do: "bring.scale", name: this.file, column: this.column, signal: this.signal, ...request });
+    if (complete) this.ask({ do: "import.scale", name: this.file, column: this.column, signal: this.signal, ...request });
   }
 }

@@ -46,7 +46,7 @@ interface Words extends Frame {
   trigger: string;
   saved: string;
   channels: Channel[];
-  bring?: string;
+  import?: string;
 }
 
 const OFTEN = 50; // ms from one picture to the next: 20 a second
@@ -172,9 +172,9 @@ export class Scope implements Room {
     if (frame.live && frame.of.join("\n") !== this.known) this.ask({ do: "scope.show" });
     this.stands(words);
     this.draw();
-    if (words.bring && !frame.live) {
-      this.ask({ do: "bring.look", names: [words.bring] });
-      document.dispatchEvent(new CustomEvent("go", { detail: "bring" }));
+    if (words.import && !frame.live) {
+      this.ask({ do: "import.look", names: [words.import] });
+      document.dispatchEvent(new CustomEvent("go", { detail: "import" }));
     }
     this.next();
   }

@@ -137,7 +137,7 @@ export class Tune implements Room {
       ),
       button(
         "Import a machine or a measured response",
-        () => document.dispatchEvent(new CustomEvent("go", { detail: "bring" })),
+        () => document.dispatchEvent(new CustomEvent("go", { detail: "import" })),
         { class: "main" },
       ),
     );
@@ -226,8 +226,8 @@ export class Tune implements Room {
   private limit({ option, key }: Gauge, bound: string): void {
     const value = Number(bound.replace(",", "."));
     if (key.startsWith("stiffness") && bound !== "" && Number.isFinite(value))
-      this.ask({ do: "goal.level", field: option, value });
-    else this.ask({ do: "goal.set", field: option, value: bound });
+      this.ask({ do: "optimize.level", field: option, value });
+    else this.ask({ do: "optimize.set", field: option, value: bound });
     this.ask({ do: "tune.show" });
   }
 

@@ -250,7 +250,7 @@ class Session:
         if bench is not None:
             self.desk.put(bench)
         if tour:
-            self.answer({"do": "bring.tour"})
+            self.answer({"do": "import.tour"})
 
     def answer(self, asked: Mapping[str, Any], page: object = None) -> bytes:
         """Return the message that responds to a request from the page: the response of its tab, or the error.

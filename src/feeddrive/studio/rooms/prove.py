@@ -10,7 +10,7 @@ from feeddrive.files.machine import BUNDLED, MachineFile
 from feeddrive.files.toml_file import quoted
 from feeddrive.language.errors import ParameterError
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, act, free_name
-from feeddrive.studio.rooms.take import whole
+from feeddrive.studio.rooms.export import whole
 from feeddrive.studio.works import Shown, circle_shown, circled, part_corrected, program_run, reported
 from feeddrive.workflow.certify import CertifyRequest
 from feeddrive.workflow.circle import CircleRequest

@@ -250,7 +250,7 @@ class Scope(Room):
         write_log(folder / name, log)
         self.desk.files[name] = folder / name
         self.saved = name
-        return Said({**self.show().words, "bring": name})
+        return Said({**self.show().words, "import": name})
 
     def _lock(self) -> Any:
         from contextlib import nullcontext

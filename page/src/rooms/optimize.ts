@@ -36,14 +36,14 @@ const TITLES: Record<string, string> = {
   search: "The search",
 };
 
-export class Goal implements Room {
-  readonly name = "goal";
+export class Optimize implements Room {
+  readonly name = "optimize";
   readonly title = "Optimize";
-  readonly element = make("div", { class: "goal" });
+  readonly element = make("div", { class: "optimize" });
   private readonly form = make("div", { class: "fields" });
   private readonly buttons = make("div", { class: "buttons" });
   private readonly verdict = make("div", { "aria-live": "polite" });
-  private readonly report = new Report("goal-found");
+  private readonly report = new Report("optimize-found");
   private readonly pictures = new Map(Object.entries(TITLES).map(([name, title]) => [name, new Picture(title)]));
   private readonly levels: Levels[];
   private readonly tune: HTMLButtonElement;
@@ -54,15 +54,15 @@ export class Goal implements Room {
   constructor(private readonly ask: Ask) {
     const grid = make("div", { class: "grid" });
     for (const [name, picture] of this.pictures) {
-      picture.element.id = `goal-${name}`;
+      picture.element.id = `optimize-${name}`;
       grid.append(picture.element);
     }
     this.levels = ["sensitivity", "stiffness"].map(
-      (name) => new Levels(name, this.pictures.get(name)!, (field, value) => ask({ do: "goal.level", field, value })),
+      (name) => new Levels(name, this.pictures.get(name)!, (field, value) => ask({ do: "optimize.level", field, value })),
     );
-    this.tune = button("Start", () => ask({ do: "goal.tune" }), { id: "tune-start", class: "main" });
-    this.accept = button("Use result", () => ask({ do: "goal.accept" }), { id: "goal-accept" });
-    this.reject = button("Discard", () => ask({ do: "goal.reject" }), { id: "goal-reject" });
+    this.tune = button("Start", () => ask({ do: "optimize.tune" }), { id: "tune-start", class: "main" });
+    this.accept = button("Use result", () => ask({ do: "optimize.accept" }), { id: "optimize-accept" });
+    this.reject = button("Discard", () => ask({ do: "optimize.reject" }), { id: "optimize-reject" });
     this.buttons.append(this.tune, this.accept, this.reject);
     this.element.append(
       make("section", { class: "settings", "aria-label": "Goal and limits" }, make("h2", {}, "Goal and limits"), this.form),
@@ -83,7 +83,7 @@ export class Goal implements Room {
     renew(this.verdict, [ready, begins, over, unfinished], () => [
       ...(ready ? [] : [make("p", {}, "Import a machine or a measured response first.")]),
       ...(begins ? [make("p", {}, begins)] : []),
-      ...(over ? [make("p", { id: "goal-over" }, over)] : []),
+      ...(over ? [make("p", { id: "optimize-over" }, over)] : []),
       ...(unfinished ? [make("p", {}, "The search has not finished: what is shown is the best so far, and is not proven.")] : []),
     ]);
     this.report.show(found);
@@ -100,14 +100,14 @@ export class Goal implements Room {
     const made = fields.map(({ value: _value, ...rest }) => rest);
     renew(this.form, made, () => fields.map((field) => this.field(field)));
     for (const { name, value } of fields) {
-      const input = this.form.querySelector<HTMLInputElement | HTMLSelectElement>(`#goal-field-${name}`)!;
+      const input = this.form.querySelector<HTMLInputElement | HTMLSelectElement>(`#optimize-field-${name}`)!;
       if (document.activeElement !== input || input instanceof HTMLSelectElement) input.value = value;
     }
   }
 
   private field(field: Field): HTMLElement {
-    const id = `goal-field-${field.name}`;
-    const set = (value: string) => this.ask({ do: "goal.set", field: field.name, value });
+    const id = `optimize-field-${field.name}`;
+    const set = (value: string) => this.ask({ do: "optimize.set", field: field.name, value });
     let input: HTMLSelectElement | HTMLInputElement;
     if (field.options.length) {
       input = make("select", { id }, ...field.options.map((value) => make("option", { value }, value)));

@@ -1,4 +1,4 @@
-"""The Goal page: automatic tuning with live progress, within limits that can also be dragged in the pictures."""
+"""The Optimize page: automatic tuning with live progress, within limits that can also be dragged in the pictures."""
 
 from __future__ import annotations
 
@@ -78,10 +78,10 @@ def _offered(name: str) -> tuple[str, ...]:
     return {"box": BOXES, "filters": ("kept", "free", "placed")}.get(name, ())
 
 
-class Goal(Room):
+class Optimize(Room):
     """The page for automatic tuning: the goal, its limits, and the result of the tuner."""
 
-    name = "goal"
+    name = "optimize"
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)

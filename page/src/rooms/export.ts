@@ -18,10 +18,10 @@ interface Words {
   give?: string;
 }
 
-export class Take implements Room {
-  readonly name = "take";
+export class Export implements Room {
+  readonly name = "export";
   readonly title = "Export";
-  readonly element = make("div", { class: "take" });
+  readonly element = make("div", { class: "export" });
 
   private readonly given = new Map<string, string>(); // what a person wrote into the fields of the guard
 
@@ -40,16 +40,18 @@ export class Take implements Room {
   }
 
   private content(words: Words): HTMLElement[] {
-    const machine = button("Machine file", () => this.ask({ do: "take.machine" }), { id: "take-machine", class: "main" });
+    const machine = button("Machine file", () => this.ask({ do: "export.machine" }), { id: "export-machine", class: "main" });
     machine.disabled = !words.ready;
     const results = words.results.map(({ name, said }) => {
-      const give = button(`Report: ${name}`, () => this.ask({ do: "take.result", name }), { id: `take-result-${name}` });
+      const give = button(`Report: ${name}`, () => this.ask({ do: "export.result", name }), { id: `export-result-${name}` });
       if (!said) return give;
-      give.setAttribute("aria-describedby", `take-said-${name}`);
-      return make("span", {}, give, make("span", { id: `take-said-${name}` }, ` ${said}`));
+      give.setAttribute("aria-describedby", `export-said-${name}`);
+      return make("span", {}, give, make("span", { id: `export-said-${name}` }, ` ${said}`));
     });
     const targets = words.targets.map((target) => {
-      const found = button(`Export: ${target}`, () => this.ask({ do: "take.export", target }), { id: `take-export-${target}` });
+      const found = button(`Export: ${target}`, () => this.ask({ do: "export.export", target }), {
+        id: `export-target-${target}`,
+      });
       found.disabled = !words.ready;
       return found;
     });
@@ -69,10 +71,10 @@ export class Take implements Room {
           { class: "buttons" },
           make(
             "a",
-            { href: result(found.archive), download: found.archive, id: `take-archive-${target}` },
+            { href: result(found.archive), download: found.archive, id: `export-archive-${target}` },
             `Download ${found.archive}`,
           ),
-          button("Verify with this machine's compiler", () => this.ask({ do: "take.verify", target }), {
+          button("Verify with this machine's compiler", () => this.ask({ do: "export.verify", target }), {
             "aria-label": `Verify with this machine's compiler: ${target}`,
           }),
         ),
@@ -108,7 +110,7 @@ export class Take implements Room {
         const value = Number(text.replace(",", "."));
         if (text) request[each.name] = Number.isFinite(value) ? value : text;
       }
-      this.ask({ do: "take.guard", ...request });
+      this.ask({ do: "export.guard", ...request });
     };
     return [
       make("h2", {}, "Guard"),

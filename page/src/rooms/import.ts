@@ -37,10 +37,10 @@ interface Words {
   go?: string;
 }
 
-export class Bring implements Room {
-  readonly name = "bring";
+export class Import implements Room {
+  readonly name = "import";
   readonly title = "Import";
-  readonly element = make("div", { class: "bring" });
+  readonly element = make("div", { class: "import-view" });
   private readonly wrong = make("div", { role: "alert", class: "bad" });
   private readonly place = make("div", { class: "drop", tabindex: "-1" });
   private readonly bundled = make("div", { class: "buttons" });
@@ -63,18 +63,18 @@ export class Bring implements Room {
     chooser.addEventListener("change", () => {
       const files = [...(chooser.files ?? [])];
       chooser.value = ""; // the same file can be chosen again
-      void this.bring(files);
+      void this.send(files);
     });
     this.place.append(
       make("label", { for: "files" }, "Drop a log, a frequency response, a machine file or a part program here, or choose it: "),
       chooser,
     );
     this.tour.append(
-      button("Tour: your axis in ten minutes", () => this.ask({ do: "bring.tour" }), { id: "bring-tour" }),
+      button("Tour: your axis in ten minutes", () => this.ask({ do: "import.tour" }), { id: "import-tour" }),
       " from a simulated log to an exported control, one button after another",
     );
     for (const kind of ["dragover", "drop"]) document.addEventListener(kind, (event) => event.preventDefault());
-    document.addEventListener("drop", (event) => void this.bring([...(event.dataTransfer?.files ?? [])]));
+    document.addEventListener("drop", (event) => void this.send([...(event.dataTransfer?.files ?? [])]));
     this.element.append(
       make(
         "div",
@@ -132,11 +132,11 @@ export class Bring implements Room {
 
   private begins({ bundled, ask_axis }: Words): HTMLElement[] {
     const buttons: HTMLElement[] = bundled.map((name) =>
-      button(name.replaceAll("_", " "), () => this.ask({ do: "bring.bundled", name }), { id: `bundled-${name}` }),
+      button(name.replaceAll("_", " "), () => this.ask({ do: "import.bundled", name }), { id: `bundled-${name}` }),
     );
     if (!ask_axis) return buttons;
     const { name, axes } = ask_axis;
-    const act = bundled.includes(name) ? "bring.bundled" : "bring.axis";
+    const act = bundled.includes(name) ? "import.bundled" : "import.axis";
     return [
       ...buttons,
       make("span", { role: "status" }, `${name} has several axes: `),
@@ -153,10 +153,10 @@ export class Bring implements Room {
       const item = make("li", place < 0 ? {} : { class: "waits" });
       item.append(
         kind
-          ? button(name, () => this.ask({ do: "bring.pick", name }), { "aria-pressed": String(name === open) })
+          ? button(name, () => this.ask({ do: "import.pick", name }), { "aria-pressed": String(name === open) })
           : make("span", {}, name),
         make("span", wrong ? { class: "bad" } : {}, ` ${said} `),
-        button("Remove", () => this.ask({ do: "bring.drop", name }), { "aria-label": `Remove ${name}` }),
+        button("Remove", () => this.ask({ do: "import.drop", name }), { "aria-label": `Remove ${name}` }),
       );
       return item;
     });
@@ -168,7 +168,7 @@ export class Bring implements Room {
     this.report.draw(this.last);
   }
 
-  private async bring(files: File[]): Promise<void> {
+  private async send(files: File[]): Promise<void> {
     this.wrong.replaceChildren();
     const names: string[] = [];
     for (const file of files) {
@@ -183,7 +183,7 @@ export class Bring implements Room {
         this.refuse(file.name, "could not be sent: the server has ended, or the file was changed meanwhile");
       }
     }
-    if (names.length) this.ask({ do: "bring.look", names });
+    if (names.length) this.ask({ do: "import.look", names });
   }
 
   // Said where it can be seen, below what was said of other files.
@@ -218,7 +218,7 @@ export class Bring implements Room {
       : [];
     if (file.kind === "machine") {
       const acts = file.axes.map((axis) =>
-        button(`Tune axis ${axis}`, () => this.ask({ do: "bring.axis", name, axis, at: at() }), { id: `tune-${axis}` }),
+        button(`Tune axis ${axis}`, () => this.ask({ do: "import.axis", name, axis, at: at() }), { id: `tune-${axis}` }),
       );
       return [make("div", { class: "buttons" }, ...acts), ...also, ...tables(file.tables)];
     }
@@ -229,7 +229,7 @@ export class Bring implements Room {
       if (!among.some(([value]) => value === kept(key, usual))) keep(key, usual);
       const select = made.querySelector("select")!;
       select.value = kept(key, usual);
-      select.id = `bring-${key}`;
+      select.id = `import-${key}`;
       return made;
     };
     const start = file.kind === "log" ? words.start_from : "";
@@ -237,7 +237,7 @@ export class Bring implements Room {
     const chosen = one_of("machine", begins, machines, start);
     const fields = new Map<string, HTMLInputElement>();
     const field = (key: string, label: string): HTMLElement => {
-      const input = make("input", { type: "text", inputmode: "decimal", size: "8", id: `bring-${key}` });
+      const input = make("input", { type: "text", inputmode: "decimal", size: "8", id: `import-${key}` });
       input.value = kept(key);
       input.addEventListener("input", () => keep(key, input.value));
       fields.set(key, input);
@@ -273,14 +273,14 @@ export class Bring implements Room {
           { class: "buttons" },
           button(
             "Tune on the measured response",
-            () => this.ask({ do: "bring.responses", name, at: at(), ...given(), ...chosen_roles() }),
+            () => this.ask({ do: "import.responses", name, at: at(), ...given(), ...chosen_roles() }),
             { id: "tune-responses", class: "main" },
           ),
           button(
             "Identify a model",
             () =>
               this.ask({
-                do: "bring.identify",
+                do: "import.identify",
                 name,
                 ...chosen_roles(),
                 machine: kept("machine", start),
@@ -301,7 +301,7 @@ export class Bring implements Room {
       placeholder: "cascade_ppi:Kv=38,Kp=9e4,Tn=0.02",
       title: "its numbers in SI",
     });
-    const turns = make("input", { type: "checkbox", id: "bring-rotary" });
+    const turns = make("input", { type: "checkbox", id: "import-rotary" });
     turns.checked = kept("rotary") !== "";
     turns.addEventListener("change", () => keep("rotary", turns.checked ? "yes" : ""));
     const more = [
@@ -315,13 +315,13 @@ export class Bring implements Room {
       make(
         "div",
         { class: "buttons" },
-        button("Identify", () => this.ask({ do: "bring.identify", name, also: at(), rotary: turns.checked, ...given() }), {
+        button("Identify", () => this.ask({ do: "import.identify", name, also: at(), rotary: turns.checked, ...given() }), {
           id: "identify",
           class: "main",
         }),
         button(
           "Estimate frequency responses",
-          () => this.ask({ do: "bring.estimate", name, all: false, sample_time: numberOf(kept("sample_time")) }),
+          () => this.ask({ do: "import.estimate", name, all: false, sample_time: numberOf(kept("sample_time")) }),
           { id: "estimate" },
         ),
       ),
@@ -333,7 +333,7 @@ export class Bring implements Room {
   // Units that were in doubt.
   private choose(units: [string, string][]): void {
     const { open } = this.last?.said as unknown as Words;
-    for (const [column, unit] of units) this.ask({ do: "bring.unit", name: open, column, unit });
+    for (const [column, unit] of units) this.ask({ do: "import.unit", name: open, column, unit });
   }
 
   private headed(file: Brought, { axes = [], axis = "" }: Words): HTMLElement[] {
@@ -341,7 +341,7 @@ export class Bring implements Room {
     const head = make("h2", {}, `${name}: ${kind}`);
     if (wrong) return [head, make("p", { class: "bad" }, wrong), ...(no_clock ? [this.clock(name)] : [])];
     if (axes.length < 2) return [head];
-    const change = (axis: string) => this.ask({ do: "bring.choose_axis", name, axis });
+    const change = (axis: string) => this.ask({ do: "import.choose_axis", name, axis });
     const among = choice(
       `It has ${axes.length} axes. Show axis`,
       axes.map((each): [string, string] => [each, each]),
@@ -354,8 +354,8 @@ export class Bring implements Room {
   }
 
   private clock(name: string): HTMLElement {
-    const field = make("input", { type: "text", inputmode: "decimal", size: "8", id: "bring-clock" });
-    const read = () => this.ask({ do: "bring.look", names: [name], sample_time: numberOf(field.value) });
+    const field = make("input", { type: "text", inputmode: "decimal", size: "8", id: "import-clock" });
+    const read = () => this.ask({ do: "import.look", names: [name], sample_time: numberOf(field.value) });
     field.addEventListener("keydown", (event) => event.key === "Enter" && read());
     return make(
       "p",
@@ -370,12 +370,12 @@ export class Bring implements Room {
   private result({ made, queue, open }: Words): HTMLElement[] {
     if (!made) return [];
     const take = made.machine
-      ? [button("Tune this axis", () => this.ask({ do: "bring.take" }), { id: "take-identified", class: "main" })]
+      ? [button("Tune this axis", () => this.ask({ do: "import.take" }), { id: "take-identified", class: "main" })]
       : [];
     const [name] = queue;
     const next =
       name && name !== open
-        ? [button(`Next file: ${name}`, () => this.ask({ do: "bring.pick", name }), { id: "next-file" })]
+        ? [button(`Next file: ${name}`, () => this.ask({ do: "import.pick", name }), { id: "next-file" })]
         : [];
     return [
       make("h2", {}, `What was found in ${made.of}`),

@@ -1,4 +1,4 @@
-"""The Take page of the studio: export of machine file, report and code, and of all steps as commands, Python and a job.
+"""The Export page of the studio: machine file, report and code, and all steps as commands, Python and a job.
 
 The commands repeat the steps without the page.
 """
@@ -103,10 +103,10 @@ def whole(machine: str | Path) -> str:
     return str(path.resolve()) if path.exists() else str(machine)
 
 
-class Take(Room):
+class Export(Room):
     """The page for the export of tuned and proven results."""
 
-    name = "take"
+    name = "export"
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
