@@ -22,6 +22,7 @@ export const ICONS = {
   close: "M10 3l8 14H2zM10 8.500v3.500M10 14.500v.01",
   broken: "M10 1.500L18.500 10 10 18.500 1.500 10zM7.500 7.500l5 5M12.500 7.500l-5 5",
   free: "M6 10h8",
+  unrun: "M10 2a8 8 0 1 0 .01 0z",
 } as const;
 export type Icon = keyof typeof ICONS;
 
@@ -29,9 +30,27 @@ export function icon(name: Icon, attributes: Record<string, string> = {}): SVGSV
   const drawing = document.createElementNS(SVG, "svg");
   const path = document.createElementNS(SVG, "path");
   path.setAttribute("d", ICONS[name]);
-  for (const [key, value] of Object.entries({ viewBox: "0 0 20 20", class: "icon", "aria-hidden": "true", ...attributes }))
+  for (const [key, value] of Object.entries({
+    viewBox: "0 0 20 20",
+    class: "icon",
+    "aria-hidden": "true",
+    "data-icon": name,
+    ...attributes,
+  }))
     drawing.setAttribute(key, value);
   drawing.append(path);
+  return drawing;
+}
+
+// A shape that is filled, with its sign in the color of the ground: a verdict that gray print still shows.
+export function solid(name: "kept" | "broken"): SVGSVGElement {
+  const drawing = icon(name, { class: "icon solid", "data-icon": name });
+  const [outline = "", ...sign] = ICONS[name].split(/(?=M)/);
+  const ground = document.createElementNS(SVG, "path");
+  ground.setAttribute("d", outline);
+  ground.setAttribute("class", "ground");
+  drawing.querySelector("path")!.setAttribute("d", sign.join(""));
+  drawing.prepend(ground);
   return drawing;
 }
 

@@ -143,6 +143,10 @@ export class Tune implements Room {
     );
     this.element.append(this.hint, this.strip.element, this.strip.popup, say, this.figures, side, work);
     document.addEventListener("keydown", (event) => this.key(event));
+    // another view names a frequency: it is pointed at once the pictures of now are drawn
+    document.addEventListener("frequency", (event) => {
+      setTimeout(() => this.point((event as CustomEvent<number>).detail), REST);
+    });
     whenPainted(() => this.draw());
   }
 

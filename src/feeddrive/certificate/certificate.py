@@ -308,7 +308,8 @@ def together(readings: Sequence[Sequence[tuple[float, float]]]) -> list[dict[str
 class Certificate(Result):
     """A proof that a controller robustly stabilizes a list of plants; `document` contains the proof as plain values.
 
-    It is created by `certify_loop` or read from a file; in both cases the checker has accepted it.
+    It is created by `certify_loop` or read from a file; in both cases the checker has accepted it. The draft of a
+    `NotCertifiedError` is one that the checker refuses.
     """
 
     document: Mapping[str, Any]
