@@ -86,7 +86,7 @@ def test_a_file_is_followed_while_it_grows(session: Session, tmp_path: Path) -> 
         ("force_N", "N", True),
         ("note", "", True),
     ]
-    assert said["look"].startswith("runs by")
+    assert said["look"].startswith("free running")
     write(tmp_path / "run.csv", 500, 1600)
     said = until(session, lambda said: abs(curve(said, "force_N")[1][-1] - 100 * abs(2 * 0.599 - 1)) < 1e-3)
     x, y = curve(said, "x_mm")

@@ -1,13 +1,49 @@
 // What is taken away: files to download, exports, and all that was done as commands, Python and a job.
 
+import { badge, empty, imports } from "../empty";
 import { button, copied, make, renew } from "../parts";
 import { Report, type Result } from "../result";
 import { result, type Ask, type Room } from "../room";
 import type { Received } from "../wire";
 
+// The words of this view; results come from the server.
+const TEXT = {
+  title: "Take the tuned control to your machine.",
+  sentence:
+    "The control leaves as a machine file, as code for your controller or as numbers to enter, and each export is checked against the simulation.",
+  example: "The C source of a P-PI cascade, one sample",
+  machine: "Machine file",
+  report: (name: string) => `Report: ${name}`,
+  targets: "For your controller",
+  download: (name: string) => `Download ${name}`,
+  verify: "Compile and compare, bit for bit",
+  limits: "Safety limits",
+  no_limits:
+    "This control has no safety limits yet, and an export needs some: values of your machine beyond which the loop trips. Leave out what it need not watch.",
+  add: "Add",
+  repeat: "Repeat this without the page",
+  command_line: "Command line",
+  python: "Python",
+  job: "Job file",
+  none: "No steps yet",
+  no_job: "A job needs a machine.",
+};
+const TARGETS: Record<string, [title: string, line: string]> = {
+  c: ["C source", "one function for each sample"],
+  linuxcnc: ["LinuxCNC component", "runs in the servo thread"],
+  "linuxcnc-pid": ["LinuxCNC pid", "numbers for the pid that is there"],
+  fmu2: ["FMU 2.0", "for co-simulation"],
+  fmu3: ["FMU 3.0", "for co-simulation"],
+  "cortex-m": ["Cortex-M", "C for a microcontroller"],
+  st: ["Structured text", "for a PLC, IEC 61131-3"],
+  parameters: ["Parameters", "numbers as makers of drives name them"],
+};
+
 interface Words {
   ready: boolean;
   targets: string[];
+  of: string; // whose code the example is
+  example: string;
   results: { name: string; said: string }[]; // said: that it is of another control
   exports: Record<string, Result & { archive: string }>;
   verified: Record<string, Result>;
@@ -40,42 +76,48 @@ export class Export implements Room {
   }
 
   private content(words: Words): HTMLElement[] {
-    const machine = button("Machine file", () => this.ask({ do: "export.machine" }), { id: "export-machine", class: "main" });
+    if (!words.ready) {
+      const code = make("pre", { tabindex: "0", "aria-label": TEXT.example }, words.example);
+      const shows = make("div", { class: "code" }, make("h2", {}, TEXT.example), code);
+      const example = { of: badge(words.of), shows };
+      return [empty({ title: TEXT.title, sentence: TEXT.sentence, act: imports(), example })];
+    }
+    const machine = button(TEXT.machine, () => this.ask({ do: "export.machine" }), { id: "export-machine", class: "main" });
     machine.disabled = !words.ready;
     const results = words.results.map(({ name, said }) => {
-      const give = button(`Report: ${name}`, () => this.ask({ do: "export.result", name }), { id: `export-result-${name}` });
+      const give = button(TEXT.report(name), () => this.ask({ do: "export.result", name }), { id: `export-result-${name}` });
       if (!said) return give;
       give.setAttribute("aria-describedby", `export-said-${name}`);
       return make("span", {}, give, make("span", { id: `export-said-${name}` }, ` ${said}`));
     });
     const targets = words.targets.map((target) => {
-      const found = button(`Export: ${target}`, () => this.ask({ do: "export.export", target }), {
-        id: `export-target-${target}`,
-      });
-      found.disabled = !words.ready;
+      const [title, line] = TARGETS[target] ?? [target, ""];
+      const act = () => this.ask({ do: "export.export", target });
+      const found = button("", act, { id: `export-target-${target}`, class: "target" });
+      found.append(make("b", {}, title), make("small", {}, line));
       return found;
     });
     const content = [
-      ...(words.ready ? [] : [make("p", {}, "Import a machine first: a control is exported for an axis of a machine file.")]),
       make("div", { class: "buttons" }, machine, ...results),
       ...this.guard(words.bounds),
-      make("h2", {}, "Exports"),
-      make("div", { class: "buttons" }, ...targets),
+      make("h2", {}, TEXT.targets),
+      make("div", { class: "targets" }, ...targets),
     ];
     for (const [target, found] of Object.entries(words.exports)) {
       const proof = words.verified[target];
       content.push(
-        make("h3", {}, target),
+        make("h3", {}, TARGETS[target]?.[0] ?? target),
         make(
           "div",
           { class: "buttons" },
           make(
             "a",
             { href: result(found.archive), download: found.archive, id: `export-archive-${target}` },
-            `Download ${found.archive}`,
+            TEXT.download(found.archive),
           ),
-          button("Verify with this machine's compiler", () => this.ask({ do: "export.verify", target }), {
-            "aria-label": `Verify with this machine's compiler: ${target}`,
+          button(TEXT.verify, () => this.ask({ do: "export.verify", target }), {
+            id: `export-verify-${target}`,
+            "aria-label": `${TEXT.verify}: ${target}`,
           }),
         ),
         ...told(found),
@@ -83,10 +125,10 @@ export class Export implements Room {
       );
     }
     content.push(
-      make("h2", {}, "The same without this page"),
-      copied("Commands", words.commands || "Nothing was done yet.", "recipe-commands"),
-      copied("Python", words.python, "recipe-python"),
-      copied("Job file", words.job_file || "A job needs a machine.", "recipe-job"),
+      make("h2", {}, TEXT.repeat),
+      copied(TEXT.command_line, words.commands.trim() || TEXT.none, "recipe-commands"),
+      copied(TEXT.python, words.python, "recipe-python"),
+      copied(TEXT.job, words.job_file || TEXT.no_job, "recipe-job"),
     );
     return content;
   }
@@ -113,14 +155,10 @@ export class Export implements Room {
       this.ask({ do: "export.guard", ...request });
     };
     return [
-      make("h2", {}, "Guard"),
-      make(
-        "p",
-        {},
-        "This control has no guard yet, and an export needs one: bounds of your machine beyond which the loop trips. Leave out what it need not watch.",
-      ),
+      make("h2", {}, TEXT.limits),
+      make("p", {}, TEXT.no_limits),
       make("div", { class: "fields" }, ...labels),
-      make("div", { class: "buttons" }, button("Add the guard", add, { id: "guard-add" })),
+      make("div", { class: "buttons" }, button(TEXT.add, add, { id: "guard-add" })),
     ];
   }
 }

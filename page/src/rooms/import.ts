@@ -9,6 +9,13 @@ import type { Received } from "../wire";
 import { Check, type Checked } from "./check";
 import { ColumnTable, type Column } from "./columns";
 
+// Fields in the units of the trade: the name in the request, and the value there, in SI.
+const SI: Record<string, [string, (value: number) => number]> = {
+  pitch: ["lead", (value) => Number((1e-3 * value).toPrecision(12))],
+  rate: ["sample_time", (value) => 1 / value],
+  delay: ["delay", (value) => Number((1e-3 * value).toPrecision(12))],
+};
+
 interface Brought {
   name: string;
   kind: string;
@@ -37,12 +44,47 @@ interface Words {
   go?: string;
 }
 
+// The words of this view; what was understood of a file comes from the server.
+const TEXT = {
+  title: "Start from what you have.",
+  drop: "Drop a log, a frequency response, a machine or a part program.",
+  choose: "Choose files",
+  examples: "Example machines",
+  tour: "Tour: your axis in ten minutes",
+  tour_line: "from a simulated log to an exported control",
+  identify: "Identify axis",
+  identify_model: "Identify a model",
+  measure: "Measure frequency response (FRF)",
+  tune_frf: "Tune on measured FRF",
+  tune: "Tune this axis",
+  known: "Known machine",
+  today: "Today's machine",
+  gains: "Gains that ran, if no known machine has them",
+  more: "If the file does not say it",
+  pitch: "Screw pitch, for angles",
+  rotary: " The axis itself turns, without a screw",
+  unit_force: "One unit of the command =",
+  rate: "Sampling rate, without a clock",
+  rate_control: "Sampling rate of the control",
+  unit: "Unit, if the file states none",
+  delay: "Dead time that it does not hold",
+  result: (name: string) => `Result: ${name}`,
+  read: "Read it again",
+};
+// Gains of a P-PI cascade: name, unit and the factor to SI.
+const GAINS: [name: string, unit: string, factor: number][] = [
+  ["Kv", "1/s", 1],
+  ["Kp", "N s/m", 1],
+  ["Tn", "ms", 1e-3],
+];
+
 export class Import implements Room {
   readonly name = "import";
   readonly title = "Import";
   readonly element = make("div", { class: "import-view" });
   private readonly wrong = make("div", { role: "alert", class: "bad" });
   private readonly place = make("div", { class: "drop", tabindex: "-1" });
+  private readonly chooses: HTMLButtonElement;
   private readonly bundled = make("div", { class: "buttons" });
   private readonly list = make("ul", { class: "files", "aria-label": "Files" });
   private readonly detail = make("section", { "aria-label": "The open file" });
@@ -65,13 +107,13 @@ export class Import implements Room {
       chooser.value = ""; // the same file can be chosen again
       void this.send(files);
     });
-    this.place.append(
-      make("label", { for: "files" }, "Drop a log, a frequency response, a machine file or a part program here, or choose it: "),
-      chooser,
-    );
+    chooser.hidden = true; // the button opens it
+    chooser.setAttribute("aria-label", TEXT.choose);
+    this.chooses = button(TEXT.choose, () => chooser.click(), { id: "choose-files" });
+    this.place.append(make("h1", {}, TEXT.title), make("p", {}, TEXT.drop), make("div", {}, this.chooses, chooser));
     this.tour.append(
-      button("Tour: your axis in ten minutes", () => this.ask({ do: "import.tour" }), { id: "import-tour" }),
-      " from a simulated log to an exported control, one button after another",
+      button(TEXT.tour, () => this.ask({ do: "import.tour" }), { id: "import-tour" }),
+      ` ${TEXT.tour_line}`,
     );
     for (const kind of ["dragover", "drop"]) document.addEventListener(kind, (event) => event.preventDefault());
     document.addEventListener("drop", (event) => void this.send([...(event.dataTransfer?.files ?? [])]));
@@ -80,7 +122,13 @@ export class Import implements Room {
         "div",
         { class: "begin" },
         make("section", { "aria-label": "Files" }, this.place, this.wrong, this.list),
-        make("section", { "aria-label": "Example machines" }, make("h2", {}, "Example machines"), this.bundled, this.tour),
+        make(
+          "section",
+          { "aria-label": TEXT.examples, class: "examples" },
+          make("h2", {}, TEXT.examples),
+          this.bundled,
+          this.tour,
+        ),
       ),
       this.detail,
       this.outcome,
@@ -99,6 +147,8 @@ export class Import implements Room {
     this.tour.hidden = !words.offers_tour;
     renew(this.bundled, [words.bundled, words.ask_axis], () => this.begins(words));
     const { made, files, bundled, open, queue, start_from } = words;
+    this.element.classList.toggle("without", !files.length && !queue.length);
+    this.chooses.classList.toggle("main", !files.length);
     renew(this.list, [files.map(({ name, kind, wrong }) => [name, kind, wrong]), open, queue], () => this.listed(words));
     const file = files.find((each) => each.name === open);
     const shown = file && !file.wrong ? file : undefined;
@@ -233,22 +283,34 @@ export class Import implements Room {
       return made;
     };
     const start = file.kind === "log" ? words.start_from : "";
-    const begins = file.kind === "log" ? "Machine file to start from" : "Today's machine";
+    const begins = file.kind === "log" ? TEXT.known : TEXT.today;
     const chosen = one_of("machine", begins, machines, start);
     const fields = new Map<string, HTMLInputElement>();
-    const field = (key: string, label: string): HTMLElement => {
-      const input = make("input", { type: "text", inputmode: "decimal", size: "8", id: `import-${key}` });
+    const field = (key: string, label: string, unit = ""): HTMLElement => {
+      const input = make("input", {
+        type: "text",
+        inputmode: key === "unit" ? "text" : "decimal",
+        size: "6",
+        id: `import-${key}`,
+      });
       input.value = kept(key);
       input.addEventListener("input", () => keep(key, input.value));
       fields.set(key, input);
-      return make("label", { for: input.id }, `${label} `, input);
+      return make("label", { for: input.id }, `${label} `, input, ...(unit ? [" ", make("span", { class: "unit" }, unit)] : []));
     };
     const given = (): Record<string, unknown> => {
       const found: Record<string, unknown> = { machine: kept("machine", start) };
       for (const [key, input] of fields) {
         const typed = numberOf(input.value);
-        if (typed !== null) found[key] = typed;
+        if (typed === null || GAINS.some(([name]) => name === key)) continue;
+        const [name, si] = SI[key] ?? [key, (value: number) => value];
+        found[name] = typeof typed === "number" ? si(typed) : typed;
       }
+      const gains = GAINS.flatMap(([name, , factor]) => {
+        const typed = numberOf(fields.get(name)?.value ?? "");
+        return typed === null ? [] : [`${name}=${typeof typed === "number" ? Number((typed * factor).toPrecision(12)) : typed}`];
+      });
+      if (gains.length) found.law = `cascade_ppi:${gains.join(",")}`;
       return found;
     };
     if (file.kind === "frequency responses") {
@@ -263,21 +325,20 @@ export class Import implements Room {
       const chosen_roles = () => Object.fromEntries(["load", "motor"].map((key) => [key, kept(key)]).filter(([, one]) => one));
       const more = [
         ...several,
-        field("sample_time", "Sample time of the control (s)"),
-        field("unit", "Unit, if the file states none"),
-        field("delay", "Dead time that it does not hold (s)"),
+        field("rate", TEXT.rate_control, "Hz"),
+        field("unit", TEXT.unit),
+        field("delay", TEXT.delay, "ms"),
       ];
       return [
         make(
           "div",
           { class: "buttons" },
+          button(TEXT.tune_frf, () => this.ask({ do: "import.responses", name, at: at(), ...given(), ...chosen_roles() }), {
+            id: "tune-responses",
+            class: "main",
+          }),
           button(
-            "Tune on the measured response",
-            () => this.ask({ do: "import.responses", name, at: at(), ...given(), ...chosen_roles() }),
-            { id: "tune-responses", class: "main" },
-          ),
-          button(
-            "Identify a model",
+            TEXT.identify_model,
             () =>
               this.ask({
                 do: "import.identify",
@@ -294,39 +355,34 @@ export class Import implements Room {
         ...tables(file.tables),
       ];
     }
-    const law = field("law", "Law that ran, if no machine file says it");
-    Object.assign(fields.get("law")!, {
-      size: 34,
-      inputMode: "text",
-      placeholder: "cascade_ppi:Kv=38,Kp=9e4,Tn=0.02",
-      title: "its numbers in SI",
-    });
     const turns = make("input", { type: "checkbox", id: "import-rotary" });
     turns.checked = kept("rotary") !== "";
     turns.addEventListener("change", () => keep("rotary", turns.checked ? "yes" : ""));
+    const gains = GAINS.map(([name, unit]) => field(name, name, unit));
     const more = [
-      law,
-      field("lead", "Lead of the screw (m), for angles"),
-      make("label", { for: turns.id }, turns, " The axis itself turns, without a screw"),
-      field("force_constant", "N per unit of the command"),
-      field("sample_time", "Sample time (s), without a clock"),
+      field("pitch", TEXT.pitch, "mm per turn"),
+      make("label", { for: turns.id }, turns, TEXT.rotary),
+      field("force_constant", TEXT.unit_force, "N"),
+      field("rate", TEXT.rate, "Hz"),
     ];
     return [
       make(
         "div",
         { class: "buttons" },
-        button("Identify", () => this.ask({ do: "import.identify", name, also: at(), rotary: turns.checked, ...given() }), {
+        button(TEXT.identify, () => this.ask({ do: "import.identify", name, also: at(), rotary: turns.checked, ...given() }), {
           id: "identify",
           class: "main",
         }),
         button(
-          "Estimate frequency responses",
-          () => this.ask({ do: "import.estimate", name, all: false, sample_time: numberOf(kept("sample_time")) }),
+          TEXT.measure,
+          () => this.ask({ do: "import.estimate", name, all: false, sample_time: given().sample_time ?? null }),
           { id: "estimate" },
         ),
       ),
       ...also,
-      make("div", { class: "fields" }, chosen, ...more),
+      make("div", { class: "fields" }, chosen),
+      make("fieldset", {}, make("legend", {}, TEXT.gains), make("div", { class: "fields" }, ...gains)),
+      make("fieldset", {}, make("legend", {}, TEXT.more), make("div", { class: "fields" }, ...more)),
     ];
   }
 
@@ -355,22 +411,18 @@ export class Import implements Room {
 
   private clock(name: string): HTMLElement {
     const field = make("input", { type: "text", inputmode: "decimal", size: "8", id: "import-clock" });
-    const read = () => this.ask({ do: "import.look", names: [name], sample_time: numberOf(field.value) });
+    const read = () => {
+      const rate = numberOf(field.value);
+      this.ask({ do: "import.look", names: [name], sample_time: typeof rate === "number" ? 1 / rate : rate });
+    };
     field.addEventListener("keydown", (event) => event.key === "Enter" && read());
-    return make(
-      "p",
-      {},
-      make("label", { for: field.id }, "Time between two rows (s) "),
-      field,
-      " ",
-      button("Read it again", read),
-    );
+    return make("p", {}, make("label", { for: field.id }, `${TEXT.rate} `), field, " Hz ", button(TEXT.read, read));
   }
 
   private result({ made, queue, open }: Words): HTMLElement[] {
     if (!made) return [];
     const take = made.machine
-      ? [button("Tune this axis", () => this.ask({ do: "import.take" }), { id: "take-identified", class: "main" })]
+      ? [button(TEXT.tune, () => this.ask({ do: "import.take" }), { id: "take-identified", class: "main" })]
       : [];
     const [name] = queue;
     const next =
@@ -378,7 +430,7 @@ export class Import implements Room {
         ? [button(`Next file: ${name}`, () => this.ask({ do: "import.pick", name }), { id: "next-file" })]
         : [];
     return [
-      make("h2", {}, `What was found in ${made.of}`),
+      make("h2", {}, TEXT.result(made.of)),
       this.report.head,
       make("div", { class: "buttons" }, ...take, ...next),
       this.report.body,

@@ -227,11 +227,8 @@ export class Tune implements Room {
   }
 
   // The limits are those of Optimize: they are set there, and shown here.
-  private limit({ option, key }: Gauge, bound: string): void {
-    const value = Number(bound.replace(",", "."));
-    if (key.startsWith("stiffness") && bound !== "" && Number.isFinite(value))
-      this.ask({ do: "optimize.level", field: option, value });
-    else this.ask({ do: "optimize.set", field: option, value: bound });
+  private limit({ option }: Gauge, bound: string): void {
+    this.ask({ do: "optimize.set", field: option, value: bound });
     this.ask({ do: "tune.show" });
   }
 

@@ -274,10 +274,10 @@ _REACH = (-2.4, 1.2, -1.9, 1.7)  # left, right, low, high of the picture of disc
 
 
 def certificate_chart(certificate: Certificate) -> Chart:
-    """Plot the error of the model that would reach instability, |1 + L|/|L|, and the certified one, in %, for each plant.
+    """Plot the error of the model that would reach instability, |1 + L|/|L|, and the certified one, in %.
 
-    The plants with the smallest margin come first. For a multirate controller, 1/Σ|H| is plotted instead: the sum covers the responses of the force to a sine of 1 N at
-    its own frequency and at the image frequencies.
+    Each plant has a panel, those with the smallest margin first. For a multirate controller, 1/Σ|H| is plotted instead:
+    the sum covers the responses of the force to a sine of 1 N at its own frequency and at the image frequencies.
     """
     # A plant without discs has no reserve, and is the last to be shown.
     plants = sorted(certificate.document["plants"], key=lambda plant: plant["reserve"] or np.inf)[:_MOST]

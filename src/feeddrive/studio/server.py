@@ -39,6 +39,7 @@ from feeddrive.studio.jobs import DONE, Found, Job, JobState, Work, fault
 from feeddrive.studio.live import Followable
 from feeddrive.studio.protection import App, Door, Protected
 from feeddrive.studio.rooms import ROOMS
+from feeddrive.studio.rooms.optimize import WORDS
 from feeddrive.studio.rooms.tour import Tour
 from feeddrive.studio.uploads import keep, place_of, safe_name
 
@@ -202,15 +203,19 @@ FIELDS = {
     "--baseline": "Today's machine",
     "--unit": "Unit",
     "--delay": "Dead time",
-    "--machine": "Machine file to start from",
-    "--lead": "Lead of the screw",
+    "--machine": "Known machine",
+    "--lead": "Screw pitch",
     "--load": "Response of the table",
     "--motor": "Response of the motor's encoder",
-    "--force-constant": "N per unit of the command",
+    "--force-constant": "100 % =",
     "--rated": "Rated value",
     "--at-full": "gives",
     "--torque-constant": "constant",
     "--motor-constant": "constant",
+    "--force": "Drive force",
+    "--command": "Command to the drive",
+    "--law": "Gains that ran",
+    **{f"--{name.replace('_', '-')}": label for name, (label, _) in WORDS.items()},
 }
 Push = Callable[[str, bytes], None]
 # zoomed ranges of x: labels come from the page, and without an end they would fill the memory
@@ -406,6 +411,7 @@ class Session:
         folder = self.desk.folder
         between = re.escape(os.sep)
         text = re.sub(rf"{re.escape(str(folder))}{between}(brought{between}(\d+{between})?)?", "", text)
+        text = text.replace("name it with --", "choose which column it is, as --")
         # a command to be entered in a terminal keeps its options
         if "feeddrive " in text:
             return text

@@ -62,7 +62,7 @@ class Prove(Room):
 
     @act
     def certify(self, asked: Asked) -> None:
-        """Prove robust stability of the loop for plants around the model, which may be wrong by `model_error` percent."""
+        """Prove that the loop is stable for all plants around the model, which may be wrong by `model_error` %."""
         bench = self.desk.needed
         loop = bench.needed_loop()
         error = asked.number_or_none("model_error")

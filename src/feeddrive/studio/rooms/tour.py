@@ -39,8 +39,8 @@ STEPS = (
     ),
     Step(
         "Identify",
-        "The machine file to start from states the control that ran; ball screw (bundled) is chosen already. Press "
-        "Identify, which takes about ten seconds.",
+        "The known machine has the gains that ran; ball screw (bundled) is chosen already. Press Identify axis, which "
+        "takes about ten seconds.",
         "import",
         ("identify",),
         command="identify",
@@ -63,16 +63,16 @@ STEPS = (
     ),
     Step(
         "A goal",
-        "So that the axis does not become softer, write 0.16 into Largest compliance, or drag the line of the dynamic "
-        "stiffness up to about 6.25 N/um. Then press Start, and watch the search.",
+        "So that the axis does not become softer, write 6.25 into Least stiffness, or drag the line of the dynamic "
+        "stiffness up to there. Then press Start, and watch the search.",
         "optimize",
         ("optimize-field-max_compliance", "tune-start"),
         command="tune",
     ),
     Step(
         "What was found",
-        "The sentence below the buttons says what gets worse first, and each picture has today's control beside what "
-        "was found. Press Use result to go on with it.",
+        "The sentence at the top says what gets worse first, and each picture has today's control beside what was "
+        "found. Press Use result to go on with it.",
         "optimize",
         ("optimize-accept",),
         act="optimize.accept",
@@ -87,21 +87,22 @@ STEPS = (
     ),
     Step(
         "A proof",
-        "A certificate proves the loop stable for each plant in a disc around the model. Press Prove stability.",
+        "A certificate proves the loop stable for each plant in a disc around the model. Press Prove this loop.",
         "prove",
         ("prove-certify",),
         command="certify",
     ),
     Step(
         "What is proven",
-        "Read below the pictures what was proven, and what is outside of it. Then open Export.",
+        "Proven or not stands at the top with its distance; read below the pictures what it covers and what it does not. "
+        "Then open Export.",
         "prove",
         ("tab-export",),
         act="export.show",
     ),
     Step(
         "Export",
-        "Each target gets a control that equals the simulation in every bit. Press Export: c.",
+        "Each target gets a control that equals the simulation in every bit. Press C source.",
         "export",
         ("export-target-c",),
         command="export",
