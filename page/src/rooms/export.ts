@@ -11,7 +11,7 @@ const TEXT = {
   title: "Take the tuned control to your machine.",
   sentence:
     "The control leaves as a machine file, as code for your controller or as numbers to enter, and each export is checked against the simulation.",
-  example: "The C source of a P-PI cascade, one sample",
+  example: "From the C source: the P-PI cascade, one sample",
   machine: "Machine file",
   report: (name: string) => `Report: ${name}`,
   targets: "For your controller",

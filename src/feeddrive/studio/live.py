@@ -127,9 +127,9 @@ def _strokes() -> np.ndarray:
     T = float(loop.sample_time)
     run = simulate(loop, path_of(loop.control, strokes(T), T), seed=SEED, name=EXAMPLE)
     step = round(1.0 / (_RATE * T))
-    return np.column_stack([run[name] for name in ("set_position", "position_load", "following_error", "force")])[
-        ::step
-    ]
+    # to a picometer and a millinewton: further digits are rounding
+    signals = {"set_position": 12, "position_load": 12, "following_error": 12, "force": 3}
+    return np.column_stack([np.round(run[name][::step], digits) for name, digits in signals.items()])
 
 
 def _table(entry: os.DirEntry[str]) -> bool:

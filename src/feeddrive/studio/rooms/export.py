@@ -34,7 +34,7 @@ _BOUNDS = tuple(
 )
 
 
-_EXAMPLE, _LINES = "ball_screw", 40
+_EXAMPLE, _LINES = "ball_screw", 20
 
 
 @dataclass(frozen=True)
@@ -109,12 +109,12 @@ def whole(machine: str | Path) -> str:
 
 @cache
 def _example() -> str:
-    """Return the lines of exported C code that compute one sample of a bundled axis."""
+    """Return the first lines of exported C code that compute the law of a bundled axis."""
     with TemporaryDirectory() as folder:
         out = Path(folder) / _EXAMPLE
         write_export(_EXAMPLE, "c", out)
         lines = (out / "axis_x.c").read_text(encoding="utf-8").splitlines()
-    begin = max(number for number, line in enumerate(lines) if "_step(" in line)
+    begin = max(number for number, line in enumerate(lines) if "/* control.law" in line)
     return "\n".join(lines[begin : begin + _LINES])
 
 

@@ -79,10 +79,9 @@ def _example() -> Chart:
     scope.feed(Playback(_STROKES))
     shown = scope.shown()
     assert shown is not None
+    units_of = {"set position": ("mm", 1e3), "actual position": ("mm", 1e3), "following error": ("um", 1e6)}
     drawn = [
-        Channel(
-            name, place, *(("mm", 1e3) if name.endswith("position") else ("um", 1e6) if unit == "m" else (unit, 1.0))
-        )
+        Channel(name, place, *units_of.get(name, (unit, 1.0)))
         for place, (name, unit) in enumerate(shown.channels.items())
     ]
     return scope_chart(shown, drawn, shown.clock)[0]

@@ -94,8 +94,8 @@ STEPS = (
     ),
     Step(
         "What is proven",
-        "Proven or not stands at the top with its distance; read below the pictures what it covers and what it does not. "
-        "Then open Export.",
+        "Proven or not stands at the top, with the distance; read below the pictures what the proof covers and what it "
+        "does not. Then open Export.",
         "prove",
         ("tab-export",),
         act="export.show",
