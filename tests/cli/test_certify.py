@@ -40,7 +40,7 @@ def test_a_machine_gets_a_certificate_and_a_report(tmp_path: Path) -> None:
     assert document["machine"]["file"] == "ball_screw.toml"
     assert document["arithmetic"] == "float32"
     page = (out / "report.html").read_text()
-    for word in ("Margin against the discs", "Discs in the complex plane", "What is outside", "Rouché", "Saturation"):
+    for word in ("Room at each frequency", "Where L may lie", "What is outside", "Rouché", "Saturation"):
         assert word in page
     assert "Green" not in page, "nothing was measured: the picture has no green"
     assert "PROVEN: plants: 1" in run("check", str(out / "certificate.json"))

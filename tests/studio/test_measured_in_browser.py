@@ -75,7 +75,7 @@ def test_a_notch_and_the_bandwidth_on_a_stage_that_was_measured(empty: Any) -> N
     brought(opened, STAGE)
     page.get_by_label("Response of the table").select_option("Pp2")
     page.get_by_label("Response of the motor's encoder").select_option("Pp1")
-    page.fill("#import-sample_time", "0.00025")
+    page.fill("#import-rate", "4000")
     page.fill("#import-unit", "m/N")
     tuned_on(opened)
     begun = crossover(page)

@@ -96,6 +96,7 @@ def test_what_is_said_of_an_ended_work_can_be_closed(studio: Any) -> None:
 def test_a_zoom_keeps_the_place_that_was_chosen(studio: Any) -> None:
     page = (opened := studio.open()).page
     opened.go("prove")
+    page.click("#proofs-program")
     page.click("#prove-program")
     assert opened.ended() == "done"
     page.locator("#proof-program .worst").nth(1).click()
@@ -153,10 +154,10 @@ def test_files_that_are_refused_are_all_named_where_it_can_be_seen(served: Calla
     page.click("#room-import .files button[aria-pressed]")
     opened.settled()
     page.select_option("#import-machine", "xy_table")
-    page.fill("#import-lead", "0.01")
+    page.fill("#import-pitch", "10")
     page.click("#tab-tune")
     opened.go("import")
-    assert (page.input_value("#import-machine"), page.input_value("#import-lead")) == ("xy_table", "0.01")
+    assert (page.input_value("#import-machine"), page.input_value("#import-pitch")) == ("xy_table", "10")
 
 
 def test_a_server_that_has_ended_stays_said_and_one_that_is_back_does_not(served: Callable[..., Any]) -> None:

@@ -28,6 +28,7 @@ def ran(mill: Any) -> Any:
     opened.go("prove")
     opened.page.click("#prove-certify")
     assert opened.ended() == "done"
+    opened.page.click("#proofs-program")
     opened.page.select_option("#room-prove label:has-text('Part program') select", "slot.ngc")
     opened.page.click("#prove-program")
     assert opened.ended() == "done"
@@ -109,11 +110,12 @@ def test_a_reload_shows_what_was_proven(ran: Any) -> None:
     ran.page.wait_for_selector("#proof-program .worst")
     assert ran.page.locator("#proof-program .worst").all_inner_texts() == texts
     assert ran.page.locator("#proof-program-path canvas").count() == 1
-    parts = ran.page.locator("#room-prove section[id]:visible")
-    assert [each.get_attribute("id") for each in parts.all()] == ["proof-program", "proof-certificate"]  # latest first
+    assert ran.page.get_attribute("#proofs-program", "aria-pressed") == "true"  # the latest
+    ran.page.click("#proofs-certificate")
     folded = ran.page.locator("#proof-certificate .report details")  # as on the page that the command writes
-    assert folded.locator("summary").all_inner_texts() == ["The control", "What was certified"]
-    assert not folded.locator("table:visible, dl:visible").count()
+    assert folded.locator("summary").all_text_contents() == ["The control", "What was certified"]
+    assert not ran.page.locator("#proof-certificate .report").is_visible()  # all of it is folded, once
+    ran.page.click("#proofs-program")
     assert ran.said == []
 
 
@@ -131,10 +133,11 @@ def test_the_circle_plot_and_its_peaks(mill: Any) -> None:
     page = (opened := mill.open()).page
     page.wait_for_selector("#verdict:not(:empty)")
     opened.go("prove")
+    page.click("#proofs-circle")
     page.click("#prove-circle")
     assert opened.ended() == "done"
     heads = page.locator("#proof-circle th:text-is('G µm')")
-    cells = page.locator("#proof-circle table").first.locator("tbody tr td:nth-child(2)").all_inner_texts()
+    cells = page.locator("#proof-circle table").first.locator("tbody tr td:nth-child(2)").all_text_contents()
     assert heads.count() == 1
     legend = page.locator("#proof-circle-circle .legend li").all_inner_texts()
     gaps = [float(each.partition("G ")[2].partition(" µm")[0]) for each in legend]
@@ -165,6 +168,7 @@ def test_a_part_program_moves_its_bar_and_is_canceled_amid_a_step(mill: Any) -> 
     page = (opened := mill.open()).page
     page.wait_for_selector("#verdict:not(:empty)")
     opened.go("prove")
+    page.click("#proofs-program")
     page.select_option("#room-prove label:has-text('Part program') select", "circle_diamond_square.ngc")
     page.click("#prove-program")
     seen = set[str]()
@@ -190,8 +194,10 @@ def test_laws_are_chosen_compared_and_one_is_loaded_by_a_click(mill: Any) -> Non
     page = (opened := mill.open()).page
     page.wait_for_selector("#verdict:not(:empty)")
     opened.go("compare")
-    page.click("#compare-none")
-    opened.settled()
+    for box in page.locator("#compare-laws > label input:enabled").all():
+        box.uncheck()
+        opened.settled()
+    page.click("#compare-laws summary >> nth=0")
     page.locator("#compare-laws label", has_text=re.compile(r"^\s*P-PI \+ compensator$")).click()
     opened.settled()
     assert page.inner_text("#compare-start") == "Compare 2 laws"
@@ -201,7 +207,7 @@ def test_laws_are_chosen_compared_and_one_is_loaded_by_a_click(mill: Any) -> Non
     page.fill("#compare-starts", "1")
     page.click("#compare-start")
     assert opened.ended() == "done"
-    table = page.locator("#room-compare table", has_text="Tune on with it")
+    table = page.locator("#room-compare table", has_text="Tune with P-PI")
     rows = table.locator("tbody tr td:first-child").all_inner_texts()
     assert rows == ["today's gains", "P-PI", "P-PI + compensator"]
     said = found_mark(page, "compare-tradeoff", steps=60)
@@ -212,7 +218,7 @@ def test_laws_are_chosen_compared_and_one_is_loaded_by_a_click(mill: Any) -> Non
     page.wait_for_selector("#tab-tune[aria-selected=true]")
     opened.settled()
     opened.go("compare")
-    page.get_by_role("button", name="Tune on with P-PI + compensator").click()  # the same by the keyboard
+    page.get_by_role("button", name="Tune with P-PI + compensator").click()  # the same by the keyboard
     page.wait_for_selector("#tab-tune[aria-selected=true]")
     opened.settled()
     opened.go("export")

@@ -138,11 +138,12 @@ def test_from_an_unseen_log_to_a_control_that_compiles(
     log = tmp_path / "y_axis.csv"
     unseen(log, integral)
     person = Person(served().open())
-    person.wait_for("#files")
+    person.wait_for("#choose-files")
     person.choose(log)
     person.wait_for("#identify")
     if integral is not None:
-        person.write("#import-law", f"cascade_ppi:Kv={_KV},Kp={_KP},Tn={integral}")
+        for name, value in (("Kv", _KV), ("Kp", _KP), ("Tn", 1e3 * integral)):
+            person.write(f"#import-{name}", f"{value:g}")
     person.click("#identify")
     person.wait_for("#take-identified")
     person.click("#take-identified")
@@ -150,14 +151,14 @@ def test_from_an_unseen_log_to_a_control_that_compiles(
     person.click("#tab-optimize")
     assert ("no integral action" in person.page.inner_text("#room-optimize")) == (integral is None)
     if integral is None:
-        person.write("#optimize-field-law", "cascade_ppi")
+        person.page.select_option("#optimize-field-law", "cascade_ppi")
     person.click("#tune-start")
     person.wait_for("#room-optimize .verdict")
     person.click("#optimize-accept")
     person.wait_for("#room-tune:not([hidden]) #verdict.good")
     person.click("#tab-prove")
     person.click("#prove-certify")
-    person.wait_for("#room-prove h2:has-text('Certificate')")
+    person.wait_for("#proof-certificate h2:has-text('Proven.')")
     person.click("#tab-export")
     person.write("#guard-following_error_limit", "3")
     person.write("#guard-velocity_limit", "0.8")

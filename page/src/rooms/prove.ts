@@ -112,7 +112,10 @@ export class Prove implements Room {
   readonly element = make("div", { class: "prove fills" });
   private readonly side = make("aside", { class: "side", "aria-label": TEXT.list });
   private readonly panes = new Map(
-    Object.keys(TEXT.parts).map((name) => [name, make("div", { class: "pane", id: `pane-${name}` })]),
+    Object.keys(TEXT.parts).map((name) => [
+      name,
+      make("div", { class: "pane", id: name === "program" ? "pane-program" : `proof-${name}` }),
+    ]),
   );
   private readonly tight: Record<string, Map<string, Picture>> = {
     certificate: cells("certificate", { margin: TEXT.margin, discs: TEXT.discs }),
