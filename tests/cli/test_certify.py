@@ -29,7 +29,7 @@ def run(*words: str, code: int = 0) -> str:
 def test_a_machine_gets_a_certificate_and_a_report(tmp_path: Path) -> None:
     out = tmp_path / "out"
     said = run("certify", "ball_screw", "--float32", "--out", str(out))
-    assert "stable for 1 plant and everything in its disc, with float32 coefficients; the least room is at " in said
+    assert "stable for 1 plant and everything in its disc, with float32 coefficients; the room is " in said
     assert "Not covered: saturation; friction" in said
     assert "Outside: friction" not in said
     assert len(said) < 1600  # 20 lines of 80 columns

@@ -153,7 +153,7 @@ def test_single_stands_until_it_is_armed_and_a_pause_lets_recording_go_on(sessio
     write(tmp_path / "run.csv", 2000, 2600)
     time.sleep(0.2)
     still = ask(session, "scope.frame")
-    assert still["look"].startswith("paused")
+    assert still["look"].startswith("held")
     np.testing.assert_array_equal(curve(still, "force_N")[1], curve(held, "force_N")[1])
     ask(session, "scope.hold", on=False)
     _, y = curve(until(session, lambda now: not now["held"]), "force_N")
@@ -163,7 +163,7 @@ def test_single_stands_until_it_is_armed_and_a_pause_lets_recording_go_on(sessio
 @pytest.mark.parametrize(
     ("asked", "reason"),
     [
-        ({"do": "scope.follow", "name": "/etc/passwd"}, "may not be followed. Others: name them with --follow"),
+        ({"do": "scope.follow", "name": "/etc/passwd"}, "may not be followed. Others: name files or drives to follow"),
         ({"do": "scope.follow", "name": "../secret.csv"}, "may not be followed"),
         ({"do": "scope.follow", "name": ""}, "may not be followed"),
         ({"do": "scope.follow", "name": "drive.toml"}, "may not be followed"),

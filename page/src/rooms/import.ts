@@ -81,18 +81,18 @@ const GAINS: [name: string, unit: string, factor: number][] = [
 export class Import implements Room {
   readonly name = "import";
   readonly title = "Import";
-  readonly element = make("div", { class: "import-view" });
+  readonly element = make("div", { class: "import-view fills" });
   private readonly wrong = make("div", { role: "alert", class: "bad" });
   private readonly place = make("div", { class: "drop", tabindex: "-1" });
   private readonly chooses: HTMLButtonElement;
   private readonly bundled = make("div", { class: "buttons" });
   private readonly list = make("ul", { class: "files", "aria-label": "Files" });
-  private readonly detail = make("section", { "aria-label": "The open file" });
+  private readonly detail = make("section", { "aria-label": "The open file", class: "opened" });
   private readonly head = make("div");
   private readonly columns: ColumnTable;
   private readonly check = new Check((units) => this.choose(units));
   private readonly fields = make("div");
-  private readonly outcome = make("section", { "aria-label": "Result", tabindex: "-1" });
+  private readonly outcome = make("section", { "aria-label": "Result", tabindex: "-1", class: "outcome" });
   private readonly tour = make("p", {});
   private readonly report = new Report("picture-made");
   private readonly given = new Map<string, string>(); // what a person wrote into the fields, by file and field

@@ -393,8 +393,8 @@ class Certificate(Result):
         if self.reserve is not None:
             least = min((plant for plant in plants if plant["reserve"] is not None), key=lambda plant: plant["reserve"])
             room = Text(
-                f"; the least room is at {Quantity(least['reserve_at_Hz'], 'Hz'):3}, where the disc of "
-                f"'{least['name']}' could be {Quantity(self.reserve):2} times as wide"
+                f"; the room is {Quantity(self.reserve):2} × what is needed, least at "
+                f"{Quantity(least['reserve_at_Hz'], 'Hz'):3} with '{least['name']}'"
             )
         return Text(f"stable for {count}, with {self.arithmetic} coefficients{room}")
 

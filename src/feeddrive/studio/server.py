@@ -199,7 +199,7 @@ def _in_plane(
 
 # labels of fields on the page, by the options that errors of the commands name
 FIELDS = {
-    "--sample-time": "Sample time",
+    "--sample-time": "Sampling rate",
     "--baseline": "Today's machine",
     "--unit": "Unit",
     "--delay": "Dead time",
@@ -207,14 +207,13 @@ FIELDS = {
     "--lead": "Screw pitch",
     "--load": "Response of the table",
     "--motor": "Response of the motor's encoder",
-    "--force-constant": "100 % =",
+    "--force-constant": "One unit of the command =",
     "--rated": "Rated value",
     "--at-full": "gives",
     "--torque-constant": "constant",
     "--motor-constant": "constant",
     "--force": "Drive force",
     "--command": "Command to the drive",
-    "--law": "Gains that ran",
     **{f"--{name.replace('_', '-')}": label for name, (label, _) in WORDS.items()},
 }
 Push = Callable[[str, bytes], None]

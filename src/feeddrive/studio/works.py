@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from feeddrive.workflow.tune import TuneRequest
 
 _OF_ROWS = (ROPE_SNAP, TRACKING_RMS, STIFFNESS_AT[0], SENSITIVITY_PEAK)  # figures in the row of a law
+# numbers of finished laws after which rows are shown: each time all of them run once more, which takes seconds a law
+_ROWS = (1, 2, 3, 4, 8, 16)
 _PLACES = 8  # worst places of a part program, and quadrant peaks of circles, that can be looked at
 # degrees on both sides of a quadrant peak: its reversal is in view, and no other one
 _TURN = 12.0
@@ -263,12 +265,12 @@ def part_corrected(request: SetpathRequest, progress: Progress) -> Shown:
 
 
 def compared(request: CompareRequest, names: Sequence[str], progress: Progress) -> Shown:
-    """Compare laws at equal robustness, and report a comparison of those that are finished after each of them.
+    """Compare laws at equal robustness, and report a comparison of those that are finished meanwhile.
 
     names  the laws in the order in which they are tuned; `request` compares all of them
     """
-    for count in range(1, len(names)):
-        # laws that are finished are kept, so that only the last one is computed here
+    for count in (count for count in _ROWS if count < len(names)):
+        # laws that are finished are kept, so that only those that are new are tuned here
         some = replace(request, law=tuple(names[:count]))
         found = _compared(some, progress.named(names[count - 1]).quiet())
         progress.better(-count, found)
