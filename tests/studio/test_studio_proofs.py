@@ -19,11 +19,13 @@ from feeddrive.files.machine import read_machine
 from feeddrive.machining.circle_test import quadrant_peaks
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.jobs import CANCELLED, DONE
+from feeddrive.studio.live import Playback
 from feeddrive.studio.rooms.export import recipe_of
 from feeddrive.studio.rooms.prove import _bundled
 from feeddrive.studio.server import Session
 from feeddrive.tuning.candidates import candidates, likeliest
 from feeddrive.workflow.compare import TAKEN, CompareRequest
+from feeddrive.workflow.tour import axis, strokes
 
 WANTED = ["P-PI", "P-PI + compensator", "P-PI + recovery"]
 
@@ -312,7 +314,7 @@ def test_what_is_not_proven_says_by_how_much_and_what_can_be_proven_instead(sess
 
 
 def test_a_loop_that_is_unstable_is_a_verdict_and_no_fault(session: Session) -> None:
-    name = next(name for name in session.desk.values if name.endswith("law.Kp"))
+    name = "law.omega_c"
     asked(session, "tune.move", name=name, value=session.desk.values[name] * 30.0, first=True)
     proof = done(session, "prove.certify")["shown"]["certificate"]["proof"]
     assert (proof["proven"], proof["head"], proof["room"]) == (False, "The loop itself is unstable.", None)
@@ -337,3 +339,23 @@ def test_an_example_stands_where_nothing_was_done(session: Session, tmp_path: Pa
     assert said["of"][3] == "drive force N"
     asked(none, "scope.stop")
     none.desk.close()
+
+
+def test_what_the_model_may_be_wrong_by_is_that_of_the_certificate_and_has_bounds(session: Session) -> None:
+    said = done(session, "prove.certify")
+    assert said["shown"]["certificate"]["proof"]["proven"]
+    document = json.loads((session.desk.folder / "certificate.json").read_text(encoding="utf-8"))
+    radii = {r for plant in document["plants"] for band in plant["radius"] for r in band["r"]}
+    assert [100.0 * r for r in radii] == [pytest.approx(said["model_error"])]
+    assert "at most 500 %" in asked(session, "prove.certify", model_error=501.0)["error"]
+    assert not done(session, "prove.certify", model_error=499.0)["shown"]["certificate"]["proof"]["proven"]
+
+
+def test_the_bundled_source_plays_all_strokes_at_a_thousand_rows_a_second(session: Session) -> None:
+    rows = Playback(1.0).take()
+    assert np.diff(rows.time) == pytest.approx(1e-3)
+    assert 1000 <= rows.time.size <= 1500  # and those of the time that the test took
+    chart = asked(session, "scope.show")["charts"]["example"]
+    loop = axis()
+    lasts = strokes(float(loop.sample_time)).size * float(loop.sample_time)
+    assert -chart["low"] == pytest.approx(lasts, abs=0.01)  # ten rows
