@@ -27,7 +27,7 @@ IMAGES = Path(__file__).parent / "images"
 WIDE, TABLET = (1280, 800), (768, 1024)
 _MOST = 150_000  # bytes
 _COLORS = (256, 128, 64, 32)  # as many as fit
-_PATIENCE = 900e3  # ms
+_PATIENCE = 240e3  # ms
 
 
 class Page:
@@ -113,21 +113,21 @@ def tour(browser: Any, folder: Path) -> None:
         page.take("studio_tour_model")
         page.click("#take-identified", "#verdict:not(:empty)")
         page.take("studio_tour_today")
-        page.click("#tab-goal")
-        page.write("#goal-field-max_compliance", "0.16")
-        page.click("#tune-start", "#room-goal .verdict")
+        page.click("#tab-optimize")
+        page.write("#optimize-field-max_compliance", "6.25")
+        page.click("#tune-start", "#room-optimize .verdict")
         page.take("studio_tour_goal")
-        page.click("#goal-accept", "#room-tune:not([hidden]) #verdict:not(:empty)")
+        page.click("#optimize-accept", "#room-tune:not([hidden]) #verdict:not(:empty)")
         page.take("studio_tour_after")
         page.click("#tab-prove")
-        page.click("#prove-certify", "#room-prove h2:has-text('Certificate')")
+        page.click("#prove-certify", "#proof-certificate h2:has-text('Proven.')")
         page.take("studio_tour_proof")
-        page.click("#tab-take")
-        page.click("#take-export-c", "#take-archive-c")
+        page.click("#tab-export")
+        page.click("#export-target-c", "#export-archive-c")
         page.take("studio_tour_export")
 
 
-def bring(browser: Any, folder: Path) -> None:
+def import_(browser: Any, folder: Path) -> None:
     """A log as it was understood."""
     feeddrive("tour", "--out", str(folder / "tour"))
     with studio(browser, folder, "tour/tour.csv") as page:
@@ -186,12 +186,12 @@ def measured(browser: Any, folder: Path) -> None:
         page.take("studio_measured")
 
 
-def goal(browser: Any, folder: Path) -> None:
+def optimize(browser: Any, folder: Path) -> None:
     """A search that has ended."""
     with studio(browser, folder, "linear_motor") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
-        page.click("#tab-goal")
-        page.click("#tune-start", "#room-goal .verdict")
+        page.click("#tab-optimize")
+        page.click("#tune-start", "#room-optimize .verdict")
         page.take("studio_goal")
 
 
@@ -200,7 +200,8 @@ def prove(browser: Any, folder: Path) -> None:
     with studio(browser, folder, "xy_table", "--axis", "x") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
         page.click("#tab-prove")
-        page.click("#prove-circle", "#room-prove h2:has-text('Circle test')")
+        page.click("#proofs-circle", "#prove-circle")
+        page.click("#prove-circle", "#proof-circle .hero")
         page.take("studio_prove")
 
 
@@ -224,14 +225,15 @@ def program(browser: Any, folder: Path) -> None:
 
 
 def commission(browser: Any, folder: Path) -> None:
-    """A virtual drive that was commissioned, which takes minutes."""
+    """A virtual drive that is about to move for the first time."""
     with studio(browser, folder, "ball_screw") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
         page.click("#tab-commission")
-        page.page.check("#commission-yes")
-        page.click("#commission-start", "#commission-open")
-        page.click("#commission-step-responses")
+        page.click("#commission-start", "#commission-answer-yes:enabled")
+        page.click("#commission-step-small_move")
         page.take("studio_commission")
+        page.page.keyboard.press("Escape")
+        page.page.wait_for_selector("#commission-start", timeout=_PATIENCE)
 
 
 def compare(browser: Any, folder: Path) -> None:
@@ -239,7 +241,7 @@ def compare(browser: Any, folder: Path) -> None:
     with studio(browser, folder, "linear_motor") as page:
         page.page.wait_for_selector("#verdict:not(:empty)")
         page.click("#tab-compare")
-        page.click("#compare-start", "#room-compare button:has-text('Tune on with it')")
+        page.click("#compare-start", "#room-compare .folded")
         page.see("#compare-tradeoff")
         page.take("studio_compare")
 
@@ -256,7 +258,8 @@ def feeddrive(*words: str) -> None:
 
 
 DRAWN: dict[str, Callable[[Any, Path], None]] = {
-    each.__name__: each for each in (tour, bring, scope, by_hand, measured, goal, prove, program, commission, compare)
+    each.__name__: each
+    for each in (tour, import_, scope, by_hand, measured, optimize, prove, program, commission, compare)
 }
 
 

@@ -97,25 +97,25 @@ def on_the_page(ask: Ask, folder: Path, log: Path, stated: Mapping[str, Any]) ->
     """
     before = {*folder.rglob("identified_*")}
     try:
-        shown = ask("bring.look", names=[log.name]) and ask("bring.show")
+        shown = ask("import.look", names=[log.name]) and ask("import.show")
         wrong = next(file["wrong"] for file in shown["files"] if file["name"] == log.name)
         if wrong:
             return Told(refused=_plain(wrong, log))
         if "axis" in stated:
-            ask("bring.choose_axis", axis=stated["axis"])
+            ask("import.choose_axis", axis=stated["axis"])
         for option, role in ROLES.items():
             if option in stated:
                 column = Column.of(stated[option])
-                ask("bring.role", column=column.name, role=role, unit=column.unit, factor=column.factor)
-        row = _asks(ask("bring.show")["columns"], stated)
+                ask("import.role", column=column.name, role=role, unit=column.unit, factor=column.factor)
+        row = _asks(ask("import.show")["columns"], stated)
         if row is not None:
-            ask("bring.scale", column=row["column"], signal=row["signal"], **_sheet(stated))
-        ask("bring.identify", rotary=bool(stated.get("rotary")))
+            ask("import.scale", column=row["column"], signal=row["signal"], **_sheet(stated))
+        ask("import.identify", rotary=bool(stated.get("rotary")))
     except RefusedError as error:
         return Told(refused=_plain(str(error), log))
     (out,) = {*folder.rglob("identified_*")} - before
     told = written(out, log)
-    made = ask("bring.show")["made"]
+    made = ask("import.show")["made"]
     for told_ in made["verdict"]:
         assert _squeezed(told_) in _squeezed(told.report), told_
     return told
@@ -168,7 +168,7 @@ def asking(served: Served, page: Any, log: Path) -> Ask:
         said: dict[str, Any] = page.ask(do, name=log.name, **more)
         if said.get("error"):
             raise RefusedError(said["error"])
-        if do in ("bring.look", "bring.identify"):
+        if do in ("import.look", "import.identify"):
             ended = page.ended()
             if ended["state"] != "done":
                 raise RefusedError(ended["error"])

@@ -7,14 +7,14 @@ import { button, make } from "./parts";
 import { showAll, whenZoomed } from "./pictures/picture";
 import { printable } from "./pictures/print";
 import type { Request, Room } from "./room";
-import { Bring } from "./rooms/bring";
+import { Import } from "./rooms/import";
 import { Commission } from "./rooms/commission";
 import { Compare } from "./rooms/compare";
-import { Goal } from "./rooms/goal";
+import { Optimize } from "./rooms/optimize";
 import { Program } from "./rooms/program";
 import { Prove } from "./rooms/prove";
 import { Scope } from "./rooms/scope";
-import { Take } from "./rooms/take";
+import { Export } from "./rooms/export";
 import { Tune } from "./rooms/tune";
 import { Talk } from "./talk";
 import { Tour, type Step } from "./tour";
@@ -24,7 +24,7 @@ const talk: Talk = new Talk(
   heard,
   () => {
     lost.hidden = true;
-    talk.ask({ do: "bring.show" });
+    talk.ask({ do: "import.show" });
     if (open) talk.ask({ do: `${open}.show` });
   },
   (ended) => {
@@ -36,11 +36,11 @@ const talk: Talk = new Talk(
 const ask = (request: Request) => talk.ask(request);
 const tune = new Tune(ask);
 const rooms: Room[] = [
-  new Bring(ask),
+  new Import(ask),
   new Commission(ask),
   new Scope(ask),
   tune,
-  ...[Goal, Compare, Prove, Program, Take].map((Kind) => new Kind(ask)),
+  ...[Optimize, Compare, Prove, Program, Export].map((Kind) => new Kind(ask)),
 ];
 const job = new JobBar(ask);
 const tour = new Tour(ask, go);
@@ -59,7 +59,6 @@ let epoch = -1;
 let open = "";
 let began = false;
 
-const ICONS: Record<string, Icon> = { bring: "import", goal: "goal", take: "take" }; // others are called as their view
 const list = make("div", { role: "tablist", "aria-label": "Views", "aria-orientation": "vertical", id: "tabs" });
 rooms.forEach((room, i) => {
   const tab = button("", () => go(room.name), {
@@ -68,7 +67,7 @@ rooms.forEach((room, i) => {
     title: `${room.title} (${i + 1})`,
     "aria-controls": `room-${room.name}`,
   });
-  tab.append(icon(ICONS[room.name] ?? (room.name as Icon)), make("span", {}, room.title));
+  tab.append(icon(room.name as Icon), make("span", {}, room.title));
   const panel = make(
     "section",
     { role: "tabpanel", id: `room-${room.name}`, "aria-labelledby": tab.id, hidden: "" },
@@ -164,8 +163,8 @@ function heard(received: Received, shows: boolean): void {
     began = true;
     const named = location.hash.slice(1);
     const kept = tabs.has(named) ? named : (sessionStorage.getItem("feeddrive room") ?? "");
-    const target = tabs.has(kept) ? kept : said.epoch ? "tune" : "bring";
-    if (target !== "bring" || open === "") go(target);
+    const target = tabs.has(kept) ? kept : said.epoch ? "tune" : "import";
+    if (target !== "import" || open === "") go(target);
   } else if (other && said.room !== open) ask({ do: `${open}.show` });
   tour.heard((said.tour as Step | null | undefined) ?? null);
 }

@@ -29,7 +29,7 @@ from feeddrive.files.machine import read_machine
 from feeddrive.files.mapping import Mapping
 from feeddrive.files.origins import with_origins
 from feeddrive.language import tree
-from feeddrive.studio.rooms.take import recipe_of
+from feeddrive.studio.rooms.export import recipe_of
 from feeddrive.studio.server import Session
 from feeddrive.workflow import identify
 from feeddrive.workflow.identify import machine_text
@@ -81,12 +81,12 @@ def serving(folder: Path) -> Iterator[Served]:
 
 def typed_on_page(ask: Callable[..., dict[str, Any]], name: str, **typed: Any) -> None:
     """What a person does on the page, as it asks for it."""
-    for do, more in (("bring.look", {"names": [name]}), ("bring.role", {"column": "load", "role": "force", **typed})):
+    for do, more in (("import.look", {"names": [name]}), ("import.role", {"column": "load", "role": "force", **typed})):
         words = ask(do, **more)
         assert not words.get("error"), words["error"]
-    row = next(each for each in ask("bring.show")["columns"] if each["column"] == "load")
+    row = next(each for each in ask("import.show")["columns"] if each["column"] == "load")
     assert {key: row[key] for key in typed} == typed  # the fields show what was typed
-    words = ask("bring.identify")
+    words = ask("import.identify")
     assert not words.get("error"), words["error"]
 
 
@@ -167,7 +167,7 @@ def test_the_factor_goes_through_the_socket(log: Path, tmp_path: Path, by_mappin
         def ask(do: str, **more: Any) -> dict[str, Any]:
             page.job = None
             said = page.ask(do, name=log.name, **more)
-            if do in ("bring.look", "bring.identify"):
+            if do in ("import.look", "import.identify"):
                 ended = page.ended()
                 assert ended["state"] == "done", ended["error"]
             return said

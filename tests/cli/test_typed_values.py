@@ -20,7 +20,7 @@ from feeddrive.language import tree
 from feeddrive.language.errors import FeeddriveError, LogError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio.desk import Asked
-from feeddrive.studio.rooms.bring import Bring
+from feeddrive.studio.rooms.import_ import Import
 from feeddrive.studio.server import Session
 from feeddrive.workflow import frf, identify
 from feeddrive.workflow.drive_logs import drive_with
@@ -216,7 +216,7 @@ def test_all_fields_of_the_page_are_in_its_request(tmp_path: Path) -> None:
         ("identify", {"name": "axis.csv", "unit": "um/N"}),
         ("estimate", {"name": "log.csv", "sample_time": 0.001}),
     ):
-        said = session.answer({"number": 1, "do": f"bring.{do}", **more})
+        said = session.answer({"number": 1, "do": f"import.{do}", **more})
         assert re.search(rb'"error": ?"[^"]', said) is None, said
     _, identified, estimated = work
     assert identified.args[1].unit == ("um/N",)
@@ -226,8 +226,8 @@ def test_all_fields_of_the_page_are_in_its_request(tmp_path: Path) -> None:
 def test_what_is_refused_on_the_page_names_the_column(tmp_path: Path) -> None:
     session = Session(tmp_path)
     session.desk.files = {"log.csv": logged(tmp_path, "F [%]", 1.0)}
-    bring = session.rooms["bring"]
-    assert isinstance(bring, Bring)
+    bring = session.rooms["import"]
+    assert isinstance(bring, Import)
     session.desk.start = lambda _room, _what, work, then, *_: then(work(Progress()))  # type: ignore[method-assign]
     bring.do("look", Asked({"names": ["log.csv"]}))
     for typed, message in (

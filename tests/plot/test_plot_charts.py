@@ -199,7 +199,7 @@ def test_the_reserve_of_a_certificate_is_the_room_over_the_radius(certificate: C
     assert mark.x == plant["reserve_at_Hz"]
     assert mark.y / float(np.interp(mark.x, radius.x, radius.y)) == pytest.approx(plant["reserve"], rel=1e-6)
     assert np.all(room.y > radius.y)  # what is proven
-    assert panel.caption == f"discs could be {plant['reserve']:.3g} times as wide, at {plant['reserve_at_Hz']:.4g} Hz"
+    assert panel.caption == f"{plant['reserve']:.3g} × the room that is needed, at {plant['reserve_at_Hz']:.3g} Hz"
     (band,) = panel.bands
     assert np.array_equal(band.high, radius.y)
 

@@ -78,10 +78,10 @@ def test_a_bad_judgment_is_red_on_the_page(served: Callable[..., Any], tmp_path:
     for name, other, verdict in (("good.csv", 0.0, "Use these values"), ("bad.csv", 70.0, "Do not tune on these")):
         page.set_input_files("#files", str(log(tmp_path / name, other)))
         assert opened.ended() == "done"
-        page.click(f"#room-bring li button:text-is('{name}')")
+        page.click(f"#room-import li button:text-is('{name}')")
         page.click("#identify")
-        page.wait_for_selector(f"#room-bring .verdict:has-text('{verdict}')", timeout=60_000)
-        color, usual = colors(page, "#room-bring .verdict")
+        page.wait_for_selector(f"#room-import .verdict:has-text('{verdict}')", timeout=60_000)
+        color, usual = colors(page, "#room-import .verdict")
         assert (color != usual) == (other != 0.0)
     machine = tmp_path / "mine.toml"
     text = fd.read_machine("linear_motor").file.text
@@ -90,9 +90,9 @@ def test_a_bad_judgment_is_red_on_the_page(served: Callable[..., Any], tmp_path:
     machine.write_text(text, encoding="utf-8")
     opened = served(str(machine)).open()  # a guard that trips in every proof
     page = opened.page
-    opened.go("goal")
+    opened.go("optimize")
     page.click("#tune-start")
-    page.wait_for_selector("#room-goal .verdict:has-text('Do not use this tuning')", timeout=120_000)
-    color, usual = colors(page, "#room-goal .verdict")
+    page.wait_for_selector("#room-optimize .verdict:has-text('Do not use this tuning')", timeout=120_000)
+    color, usual = colors(page, "#room-optimize .verdict")
     assert color != usual
-    assert page.inner_text("#goal-accept") == "Use it all the same"
+    assert page.inner_text("#optimize-accept") == "Use it all the same"

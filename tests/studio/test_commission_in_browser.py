@@ -19,18 +19,18 @@ def in_view(opened: Any, filled: str) -> None:
     for width, height in ((1920, 1080), (1280, 800)):
         page.set_viewport_size({"width": width, "height": height})
         opened.settled()
-        unscrolled(page, ".commission", ".commission .side", ".commission .evidence")
+        unscrolled(page, ".commission", ".commission .steps", ".commission .evidence")
         for chosen in (
             ".commission > *",
             ".commission > .head > *",
-            ".commission .cells > *, #commission-stop",
+            ".commission .limits > *, #commission-stop",
             "#commission-steps > li",
             ".commission .evidence > *",
             ".commission .about > *",
         ):
             assert overlaps(boxes(page, chosen)) == 0, chosen
         # what moves, how far, how fast, how hard, and the stop, are all in the window
-        safety = boxes(page, ".commission .cells > *, #commission-stop")
+        safety = boxes(page, ".commission .limits > *, #commission-stop")
         assert len(safety) == 6
         assert np.all(safety[:, :2] >= 0.0)
         assert np.all(safety[:, 2:] <= (width + 0.5, height))

@@ -18,7 +18,7 @@ _FOREIGN = """<!doctype html><title>foreign</title><body><pre id="said"></pre><s
 const at = "HOST", said = document.getElementById("said");
 const tell = (what) => { said.textContent += what + "\\n"; };
 const socket = new WebSocket(`ws://${at}/talk`);
-socket.onopen = () => { socket.send('{"number": 1, "do": "take.show", "session": "a"}'); tell("socket open"); };
+socket.onopen = () => { socket.send('{"number": 1, "do": "export.show", "session": "a"}'); tell("socket open"); };
 socket.onmessage = () => tell("socket heard");
 socket.onclose = () => tell("socket closed");
 fetch(`http://${at}/upload?session=a&name=a.csv`, { method: "POST", body: "x", credentials: "include" })
@@ -105,7 +105,7 @@ def test_a_file_of_a_gigabyte_is_refused_before_it_is_sent(studio: Any, tmp_path
     with big.open("wb") as file:
         file.truncate(1_000_000_000)
     page = (opened := studio.open()).page
-    opened.go("bring")
+    opened.go("import")
     sizes = list[int]()
     page.on("request", lambda each: sizes.append(int(each.headers.get("content-length", "0"))))
     page.set_input_files("#files", str(big))

@@ -64,8 +64,8 @@ def test_a_limit_is_set_on_the_strip_and_is_that_of_the_goal(studio: Any) -> Non
     assert gauge.get_attribute("data-state") == (
         "kept" if least > 4.0 / 0.95 else "close" if least >= 4.0 else "broken"
     )
-    opened.go("goal")
-    assert float(page.input_value("#goal-field-max_compliance")) == pytest.approx(0.25)  # um/N
+    opened.go("optimize")
+    assert float(page.input_value("#optimize-field-max_compliance")) == pytest.approx(4.0)  # N/um
     page.go_back()
     page.wait_for_selector("#room-tune:not([hidden])")
     gauge.click()

@@ -30,7 +30,7 @@ def empty(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[An
 def brought(opened: Any, *files: Path) -> None:
     opened.page.set_input_files("#files", [str(each) for each in files])
     assert opened.ended() == "done"
-    opened.page.click(f"#room-bring li button:text-is('{files[0].name}')")
+    opened.page.click(f"#room-import li button:text-is('{files[0].name}')")
     opened.settled()
 
 
@@ -71,12 +71,12 @@ def test_a_notch_and_the_bandwidth_on_a_stage_that_was_measured(empty: Any) -> N
     """
     opened = empty.open(1280, 900)
     page = opened.page
-    opened.go("bring")
+    opened.go("import")
     brought(opened, STAGE)
     page.get_by_label("Response of the table").select_option("Pp2")
     page.get_by_label("Response of the motor's encoder").select_option("Pp1")
-    page.fill("#bring-sample_time", "0.00025")
-    page.fill("#bring-unit", "m/N")
+    page.fill("#import-rate", "4000")
+    page.fill("#import-unit", "m/N")
     tuned_on(opened)
     begun = crossover(page)
     page.fill("#speed-field", str(4.0 * begun))
@@ -123,7 +123,7 @@ def test_poles_are_dragged_on_responses_of_three_positions(empty: Any, tmp_path:
         fd.write_frf(path, response(there, "reading_load", k), response(there, "reading_motor", k + 10))
     opened = empty.open(1280, 900)
     page = opened.page
-    opened.go("bring")
+    opened.go("import")
     brought(opened, files[0], *files[1:], tmp_path / "placed.toml")
     page.get_by_label("Today's machine").select_option("placed.toml")
     for path in files[1:]:

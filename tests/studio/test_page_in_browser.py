@@ -17,7 +17,7 @@ from pyarrow import parquet
 from feeddrive.studio.server import PAGE
 
 _LARGEST = 1_500_000  # bytes of the page: the bar of its issue
-_ROOMS = ("bring", "scope", "tune", "goal", "compare", "prove", "take")
+_ROOMS = ("import", "scope", "tune", "optimize", "compare", "prove", "export")
 
 
 def test_the_page_is_small_and_loads_nothing_from_elsewhere(studio: Any) -> None:
@@ -137,7 +137,7 @@ def test_a_page_that_is_loaded_again_amid_a_work_shows_it_and_can_cancel_it(stud
 
 def test_what_is_brought_is_shown_as_text_and_refused_with_what_to_do(studio: Any, tmp_path: Path) -> None:
     page = (opened := studio.open()).page
-    opened.go("bring")
+    opened.go("import")
     nasty = tmp_path / "run.parquet"
     names = ["t_s", "<img src=x onerror=alert(1)>", "\x1b[31mred"]
     parquet.write_table(arrow.table({name: 1e-3 * np.arange(200) for name in names}), nasty)
@@ -146,12 +146,12 @@ def test_what_is_brought_is_shown_as_text_and_refused_with_what_to_do(studio: An
     page.set_input_files("#files", [str(nasty), str(empty)])
     assert opened.ended() == "done"
     assert page.locator("main img[src=x]").count() == 0
-    page.click("#room-bring button:has-text('run.parquet')")
+    page.click("#room-import button:has-text('run.parquet')")
     opened.settled()
-    assert names[1] in page.inner_text("#room-bring")  # as text
+    assert names[1] in page.inner_text("#room-import")  # as text
     page.click("text=part.ngc >> nth=0")
     opened.settled()
-    assert "is empty: a part program has lines" in page.inner_text("#room-bring")
+    assert "is empty: a part program has lines" in page.inner_text("#room-import")
     assert opened.said == []
 
 

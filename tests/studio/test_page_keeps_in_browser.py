@@ -23,10 +23,10 @@ def focus(page: Any) -> str:
 
 def test_a_search_takes_no_words_and_no_focus_away(studio: Any) -> None:
     page = (opened := studio.open()).page
-    opened.go("goal")
+    opened.go("optimize")
     page.click("#tune-start")
     page.wait_for_selector("#job[data-state=running]")
-    field = page.locator("#room-goal input[type=text]").first
+    field = page.locator("#room-optimize input[type=text]").first
     field.fill("1.2")
     field.press("End")
     field.press("3")
@@ -88,7 +88,7 @@ def test_what_is_said_of_an_ended_work_can_be_closed(studio: Any) -> None:
     page.click("#job-close")
     assert page.locator("#job").is_hidden()
     opened.go("tune")
-    opened.go("goal")
+    opened.go("optimize")
     assert page.locator("#job").is_hidden()  # messages of other things do not show it again
 
 
@@ -116,18 +116,18 @@ def test_fields_of_a_guard_that_are_half_filled_stay(served: Callable[..., Any],
     law = "[axis.x.control]\n[axis.x.control.law]\nkind = 'cascade_ppi'\nKv = 60\nKp = 2e4\n"  # no guard
     (tmp_path / "bare.toml").write_text(text[: text.index("[axis.x.control]")] + law, encoding="utf-8")
     page = (opened := served(str(tmp_path / "bare.toml")).open()).page
-    opened.go("take")
-    field = page.locator("#room-take .fields input").first
+    opened.go("export")
+    field = page.locator("#room-export .fields input").first
     field.fill("0.25")
     name = focus(page)
-    page.evaluate("document.querySelector('#tab-take').click()")  # the room is shown again, and the focus stays
+    page.evaluate("document.querySelector('#tab-export').click()")  # the room is shown again, and the focus stays
     opened.settled()
     assert (focus(page), field.input_value()) == (name, "0.25")
     opened.go("tune")
     page.fill("[id='number-law.Kv']", "55")  # the commands are others then
     page.keyboard.press("Enter")
     opened.settled()
-    opened.go("take")
+    opened.go("export")
     assert page.locator(f"#{name}").input_value() == "0.25"
     assert page.locator("button[aria-label='Copy: Python']").count() == 1
 
@@ -144,20 +144,20 @@ def test_files_that_are_refused_are_all_named_where_it_can_be_seen(served: Calla
             document.dispatchEvent(new DragEvent("drop", { dataTransfer: held }));
         }"""
     )
-    page.wait_for_selector("#room-bring [role=alert]:has-text('two?.nc')")
-    assert "one?.nc" in page.inner_text("#room-bring [role=alert]")
+    page.wait_for_selector("#room-import [role=alert]:has-text('two?.nc')")
+    assert "one?.nc" in page.inner_text("#room-import [role=alert]")
     log = tmp_path / "run.parquet"
     parquet.write_table(arrow.table({name: 1e-3 * np.arange(200) for name in ("t_s", "x")}), log)
     page.set_input_files("#files", str(log))
     assert opened.ended() == "done"
     assert page.input_value("#files") == ""  # the same file can be chosen again
-    page.click("#room-bring .files button[aria-pressed]")
+    page.click("#room-import .files button[aria-pressed]")
     opened.settled()
-    page.select_option("#bring-machine", "xy_table")
-    page.fill("#bring-lead", "0.01")
+    page.select_option("#import-machine", "xy_table")
+    page.fill("#import-pitch", "10")
     page.click("#tab-tune")
-    opened.go("bring")
-    assert (page.input_value("#bring-machine"), page.input_value("#bring-lead")) == ("xy_table", "0.01")
+    opened.go("import")
+    assert (page.input_value("#import-machine"), page.input_value("#import-pitch")) == ("xy_table", "10")
 
 
 def test_a_server_that_has_ended_stays_said_and_one_that_is_back_does_not(served: Callable[..., Any]) -> None:
@@ -166,7 +166,7 @@ def test_a_server_that_has_ended_stays_said_and_one_that_is_back_does_not(served
     page.wait_for_selector("#verdict:not(:empty)")
     server.server.kill()
     page.wait_for_selector("#lost:has-text('The connection to the server was lost')")
-    page.click("#tab-bring")
+    page.click("#tab-import")
     page.wait_for_selector("#lost:has-text('The server has ended')", timeout=15_000)
     page.click("#tab-tune")
     assert page.locator("#lost button").is_visible()

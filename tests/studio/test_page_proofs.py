@@ -27,6 +27,7 @@ def ran(mill: Any) -> Any:
     opened.go("prove")
     opened.page.click("#prove-certify")
     assert opened.ended() == "done"
+    opened.page.click("#proofs-circle")
     opened.page.click("#prove-circle")
     assert opened.ended() == "done"
     return opened
@@ -75,11 +76,12 @@ def test_a_reload_shows_what_was_proven(ran: Any) -> None:
     ran.page.wait_for_selector("#proof-circle .worst")
     assert ran.page.locator("#proof-circle .worst").all_inner_texts() == texts
     assert ran.page.locator("#proof-circle-circle canvas").count() == 1
-    parts = ran.page.locator("#room-prove section[id]:visible")
-    assert [each.get_attribute("id") for each in parts.all()] == ["proof-circle", "proof-certificate"]  # latest first
+    assert ran.page.get_attribute("#proofs-circle", "aria-pressed") == "true"  # the latest
+    ran.page.click("#proofs-certificate")
     folded = ran.page.locator("#proof-certificate .report details")  # as on the page that the command writes
-    assert folded.locator("summary").all_inner_texts() == ["The control", "What was certified"]
-    assert not folded.locator("table:visible, dl:visible").count()
+    assert folded.locator("summary").all_text_contents() == ["The control", "What was certified"]
+    assert not ran.page.locator("#proof-certificate .report").is_visible()  # all of it is folded, once
+    ran.page.click("#proofs-circle")
     assert ran.said == []
 
 
@@ -97,10 +99,11 @@ def test_the_circle_plot_and_its_peaks(mill: Any) -> None:
     page = (opened := mill.open()).page
     page.wait_for_selector("#verdict:not(:empty)")
     opened.go("prove")
+    page.click("#proofs-circle")
     page.click("#prove-circle")
     assert opened.ended() == "done"
     heads = page.locator("#proof-circle th:text-is('G µm')")
-    cells = page.locator("#proof-circle table").first.locator("tbody tr td:nth-child(2)").all_inner_texts()
+    cells = page.locator("#proof-circle table").first.locator("tbody tr td:nth-child(2)").all_text_contents()
     assert heads.count() == 1
     legend = page.locator("#proof-circle-circle .legend li").all_inner_texts()
     gaps = [float(each.partition("G ")[2].partition(" µm")[0]) for each in legend]
@@ -122,8 +125,10 @@ def test_laws_are_chosen_compared_and_one_is_loaded_by_a_click(mill: Any) -> Non
     page = (opened := mill.open()).page
     page.wait_for_selector("#verdict:not(:empty)")
     opened.go("compare")
-    page.click("#compare-none")
-    opened.settled()
+    for box in page.locator("#compare-laws > label input:enabled").all():
+        box.uncheck()
+        opened.settled()
+    page.click("#compare-laws summary >> nth=0")
     page.locator("#compare-laws label", has_text=re.compile(r"^\s*P-PI \+ compensator$")).click()
     opened.settled()
     assert page.inner_text("#compare-start") == "Compare 2 laws"
@@ -133,7 +138,7 @@ def test_laws_are_chosen_compared_and_one_is_loaded_by_a_click(mill: Any) -> Non
     page.fill("#compare-starts", "1")
     page.click("#compare-start")
     assert opened.ended() == "done"
-    table = page.locator("#room-compare table", has_text="Tune on with it")
+    table = page.locator("#room-compare table", has_text="Tune with P-PI")
     rows = table.locator("tbody tr td:first-child").all_inner_texts()
     assert rows == ["today's gains", "P-PI", "P-PI + compensator"]
     said = found_mark(page, "compare-tradeoff", steps=60)
@@ -144,9 +149,9 @@ def test_laws_are_chosen_compared_and_one_is_loaded_by_a_click(mill: Any) -> Non
     page.wait_for_selector("#tab-tune[aria-selected=true]")
     opened.settled()
     opened.go("compare")
-    page.get_by_role("button", name="Tune on with P-PI + compensator").click()  # the same by the keyboard
+    page.get_by_role("button", name="Tune with P-PI + compensator").click()  # the same by the keyboard
     page.wait_for_selector("#tab-tune[aria-selected=true]")
     opened.settled()
-    opened.go("take")
+    opened.go("export")
     assert "--take 'P-PI + compensator'" in page.inner_text("#recipe-commands")
     assert opened.said == []

@@ -116,7 +116,7 @@ def responses(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_measured_response_is_seen_with_its_bands_its_coherence_and_its_model(studio: Any, responses: Path) -> None:
     page = (opened := studio.open()).page
-    opened.go("bring")
+    opened.go("import")
     page.set_input_files("#files", str(responses))
     assert opened.ended() == "done"
     page.click("#identify")

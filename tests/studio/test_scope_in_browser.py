@@ -89,7 +89,7 @@ def test_the_curve_moves_triggers_and_is_read_by_cursors_and_kept(scope: Any) ->
         assert [float(each) for each in read[name]] == pytest.approx([*at, at[1] - at[0]], abs=2e-3 * factor)
     page.click("#scope-between")
     assert opened.ended() == "done"
-    assert "scope_1.parquet: log" in page.inner_text("#room-bring")
+    assert "scope_1.parquet: log" in page.inner_text("#room-import")
     opened.go("scope")
     page.reload()  # the page goes on where it was
     page.wait_for_selector("#room-scope:not([hidden]) #scope-readout table")
@@ -119,7 +119,7 @@ def test_at_most_20_pictures_come_each_second_and_none_while_nobody_looks(scope:
     opened.page.wait_for_timeout(2000)
     assert 4 < len(came) <= 42
     assert max(came) < 20_000  # two curves of 960 points, each 8 bytes, and words
-    opened.go("bring")
+    opened.go("import")
     came.clear()
     opened.page.wait_for_timeout(1000)
     assert len(came) <= 1

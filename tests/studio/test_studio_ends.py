@@ -108,7 +108,7 @@ def test_a_port_in_use_is_refused_and_one_that_was_left_is_free(serve: Callable[
     assert f"--port {first.port}: cannot be used" in said
     assert "choose another one, or port 0 for a free one" in said
     with first.page("a") as page:  # a connection whose end the system remembers for a minute
-        page.ask("bring.show")
+        page.ask("import.show")
         first.close()
     assert serve("--port", str(first.port)).port == first.port
 
@@ -168,7 +168,7 @@ def test_what_a_page_does_not_read_is_replaced_by_what_came_later() -> None:
     box = Outbox()
     box.put(b"answer 1")
     for i in range(10_000):
-        box.put(b"picture %d" % i, "goal")
+        box.put(b"picture %d" % i, "optimize")
         box.put(b"state %d" % i, "job")
     box.put(b"answer 2")
     assert asyncio.run(read(box)) == [b"answer 1", b"picture 9999", b"state 9999", b"answer 2"]
@@ -181,7 +181,7 @@ def test_of_too_many_pages_the_one_left_longest_ago_is_ended_and_none_that_is_op
     sessions = Sessions(lambda: Session(tmp_path))
     opened, left, latest = (sessions.named(name) for name in ("opened", "left", "latest"))
     leave = [opened.listen(ignored)]
-    left.desk.start("goal", "the work", waiting, lambda _: None)
+    left.desk.start("optimize", "the work", waiting, lambda _: None)
     job = left.desk.job
     assert job is not None
     more = sessions.named("more")  # one too many

@@ -99,7 +99,7 @@ def brought(session: Session, name: str, content: bytes) -> dict[str, Any]:
         yield content
 
     session.desk.files[name] = asyncio.run(keep(name, pieces(), session.desk.folder / "brought"))
-    return asked(session, "bring.look", names=[name])
+    return asked(session, "import.look", names=[name])
 
 
 def pushed(mass: float) -> bytes:
@@ -116,10 +116,10 @@ def test_a_file_that_is_brought_again_is_read_anew_and_what_works_on_the_first_o
     session = Session(tmp_path)
     first, second = (loaded(tmp_path / "elsewhere" / each, 50.0 + i).read_bytes() for i, each in enumerate("ab"))
     brought(session, "mine.toml", first)
-    asked(session, "bring.axis", name="mine.toml", axis="x")
+    asked(session, "import.axis", name="mine.toml", axis="x")
     brought(session, "mine.toml", second)
     assert fd.read_machine(session.desk.machine_path()).loop("x").axis.plant.mass_load == 50.0  # type: ignore[union-attr]
-    said = asked(session, "bring.axis", name="mine.toml", axis="x")
+    said = asked(session, "import.axis", name="mine.toml", axis="x")
     assert [each["name"] for each in said["files"]] == ["mine.toml"]
     assert fd.read_machine(session.desk.machine_path()).loop("x").axis.plant.mass_load == 51.0  # type: ignore[union-attr]
 
@@ -128,12 +128,12 @@ def test_a_file_named_at_the_start_is_read_as_it_is_dropped_on_the_page_and_forg
     (tmp_path / "own").mkdir()
     start = loaded(tmp_path / "mine.toml", 50.0)
     session = Session(tmp_path / "own", brought=(start,))
-    asked(session, "bring.show")
+    asked(session, "import.show")
     brought(session, "mine.toml", loaded(tmp_path / "elsewhere" / "mine.toml", 51.0).read_bytes())
-    asked(session, "bring.axis", name="mine.toml", axis="x")
+    asked(session, "import.axis", name="mine.toml", axis="x")
     assert session.desk.needed.needed_loop().axis.plant.mass_load == 51.0  # type: ignore[union-attr]
-    asked(session, "bring.drop", name="mine.toml")
-    answer = session.answer({"number": 1, "do": "bring.look", "names": ["mine.toml"]})
+    asked(session, "import.drop", name="mine.toml")
+    answer = session.answer({"number": 1, "do": "import.look", "names": ["mine.toml"]})
     assert b"no file 'mine.toml' was brought" in answer
     assert "50" in start.read_text(encoding="utf-8")
 
@@ -142,7 +142,7 @@ def test_responses_that_are_estimated_stand_beside_each_other(tmp_path: Path) ->
     session = Session(tmp_path)
     for name, mass in (("left.csv", 100.0), ("right.csv", 150.0), ("left.csv", 120.0)):
         brought(session, name, pushed(mass))
-        said = asked(session, "bring.estimate", name=name)
+        said = asked(session, "import.estimate", name=name)
     names = ["left.csv", "frf_left.csv", "right.csv", "frf_right.csv", "frf_left_2.csv"]
     assert [each["name"] for each in said["files"]] == names
     found = [next(iter(read_frfs(session.desk.files[each]).values())) for each in names if "frf" in each]
@@ -177,16 +177,16 @@ def test_a_window_that_is_kept_replaces_no_file_that_was_brought(tmp_path: Path)
     session = Session(tmp_path / "page", live=Followable((tmp_path / "run.csv",)))
     for name in ("scope_1.parquet", "scope_2.parquet"):
         brought(session, name, b"of a person")
-    asked(session, "bring.drop", name="scope_2.parquet")
+    asked(session, "import.drop", name="scope_2.parquet")
     asked(session, "scope.follow", name=str(tmp_path / "run.csv"))
     end = time.monotonic() + 20.0
     while "span" not in asked(session, "scope.frame"):
         assert time.monotonic() < end
         time.sleep(0.02)
-    kept = asked(session, "scope.save", between=False)["bring"]
+    kept = asked(session, "scope.save", between=False)["import"]
     session.close()
     assert kept == "scope_3.parquet"
     assert read_log(session.desk.files[kept]).units["x_mm"] == "mm"
     assert (tmp_path / "page" / "brought" / "scope_1.parquet").read_bytes() == b"of a person"
-    said = asked(session, "bring.look", names=[kept])
+    said = asked(session, "import.look", names=[kept])
     assert [(each["name"], each["kind"]) for each in said["files"]][-1] == (kept, "log")

@@ -65,10 +65,10 @@ def brought(served: Served, page: Talking, files: Mapping[str, bytes]) -> dict[s
     for name, content in files.items():
         assert served.upload(page.session, name, content) == (200, {"name": name})
     page.job = None
-    assert "error" not in page.ask("bring.look", names=[*files])
+    assert "error" not in page.ask("import.look", names=[*files])
     job = page.ended()
     assert job["state"] == "done", job["error"]
-    found = {each["name"]: str(each["wrong"] or each["kind"]) for each in page.ask("bring.show")["files"]}
+    found = {each["name"]: str(each["wrong"] or each["kind"]) for each in page.ask("import.show")["files"]}
     return {name: found[name] for name in files}
 
 
@@ -129,7 +129,7 @@ def test_files_that_name_other_files_or_hold_code_are_refused_and_nothing_else_i
         for name, found in brought(served, page, files).items():
             assert wanted[name][1] in found, f"{name}: {found}"
             assert SECRET not in found
-        shown = json.dumps({**page.ask("bring.pick", name="links.mat"), "numbers": None})
+        shown = json.dumps({**page.ask("import.pick", name="links.mat"), "numbers": None})
         assert SECRET not in shown
         assert "a link to another place" in shown
         assert shown.count("stored in another file") == 2
@@ -151,24 +151,24 @@ def test_names_in_requests_stay_in_the_folder(served: Served, outside: Path) -> 
         for name in names:
             assert served.result(session, name)[0] == 404
             for do in (
-                "bring.look",
-                "bring.axis",
-                "bring.identify",
+                "import.look",
+                "import.axis",
+                "import.identify",
                 "program.plan",
                 "program.text",
-                "take.result",
-                "take.export",
+                "export.result",
+                "export.export",
                 "scope.follow",
             ):
                 said = page.ask(do, name=name, names=[name], target=name, at=[name])
                 assert "error" in said, do
                 assert SECRET not in json.dumps(said["error"])
-        for name, place in (("goal.set", "value"), ("compare.choose", "laws")):
+        for name, place in (("optimize.set", "value"), ("compare.choose", "laws")):
             evil = f"{outside / 'evil.py'}:Evil"
             page.job = None
             said = page.ask(name, **{"field": "law", place: evil if place == "value" else [evil], "starts": 1})
-            if name == "goal.set" and "error" not in said:
-                page.ask("goal.tune")
+            if name == "optimize.set" and "error" not in said:
+                page.ask("optimize.tune")
                 assert page.ended()["state"] == "failed"
             else:
                 assert "error" in said
@@ -245,11 +245,11 @@ def test_names_in_files_do_nothing_in_answers_and_in_the_recipe(served: Served, 
     with served.page("words") as page:
         found = brought(served, page, {"run.parquet": log.getvalue(), "named.toml": machine.encode()})
         assert found == {"run.parquet": "log", "named.toml": "machine"}
-        page.ask("bring.role", name="run.parquet", column=NASTY, role="position", unit="\x1b[31mmm")
+        page.ask("import.role", name="run.parquet", column=NASTY, role="position", unit="\x1b[31mmm")
         page.job = None
-        if "error" not in page.ask("bring.identify", name="run.parquet"):
+        if "error" not in page.ask("import.identify", name="run.parquet"):
             assert NASTY not in str(page.ended()["error"])
-        said = page.ask("bring.axis", name="named.toml")
+        said = page.ask("import.axis", name="named.toml")
         assert "error" not in said
         values = page.ask("tune.show")["values"]
         assert "error" not in page.ask("tune.move", name="law.Kp", value=0.9 * values["law.Kp"])
@@ -257,7 +257,7 @@ def test_names_in_files_do_nothing_in_answers_and_in_the_recipe(served: Served, 
         assert "error" not in page.ask("prove.certify")
         job = page.ended()
         assert job["state"] == "done", job["error"]
-        found = page.ask("take.show")
+        found = page.ask("export.show")
     words = shlex.split(found["commands"])
     assert [words[i + 1] for i, each in enumerate(words) if each == "--axis"] == [evil] * 2
     calls = [each for each in ast.walk(ast.parse(found["python"])) if isinstance(each, ast.Call)]

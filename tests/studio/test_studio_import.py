@@ -18,8 +18,8 @@ from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.progress import Progress
 from feeddrive.studio import log_check, uploads
 from feeddrive.studio.desk import Asked
-from feeddrive.studio.rooms import bring
-from feeddrive.studio.rooms.bring import Bring
+from feeddrive.studio.rooms import import_
+from feeddrive.studio.rooms.import_ import Import
 from feeddrive.studio.server import Session
 from plain_drive import Cascade, PlainAxis, write_columns
 
@@ -44,8 +44,8 @@ class Desk:
 
     def __init__(self, folder: Path, *names: str) -> None:
         self.session = Session(folder)
-        self.bring = self.session.rooms["bring"]
-        assert isinstance(self.bring, Bring)
+        self.bring = self.session.rooms["import"]
+        assert isinstance(self.bring, Import)
         self.jobs = list[tuple[Any, Callable[[Any], None]]]()
         self.session.desk.start = self.start  # type: ignore[method-assign]
         self.session.desk.files = {name: written(folder / name) for name in names}
@@ -55,7 +55,7 @@ class Desk:
 
     def ask(self, act: str, **more: Any) -> dict[str, Any]:
         """What the room says of an act, which must not be refused."""
-        answer = self.session.answer({"number": 1, "do": f"bring.{act}", **more})
+        answer = self.session.answer({"number": 1, "do": f"import.{act}", **more})
         said: dict[str, Any] = json.loads(answer[4 : 4 + struct.unpack_from("<I", answer)[0]])
         assert "error" not in said, said["error"]
         return said
@@ -352,12 +352,14 @@ def test_whatever_a_page_sends_of_a_data_sheet_is_refused_in_plain_words(tmp_pat
         "V",
         float("nan"),
     ]
-    names = ["signal", *bring._ENTERED]
+    names = ["signal", *import_._ENTERED]
     refused = 0
     for _ in range(300):
         sent = {name: draw.choice(odd) for name in draw.sample(names, draw.randrange(1, len(names)))}
         for act in ("scale", "role", "unit", "choose_axis"):
-            answer = desk.session.answer({"number": 1, "do": f"bring.{act}", "name": "a.csv", "column": "load", **sent})
+            answer = desk.session.answer(
+                {"number": 1, "do": f"import.{act}", "name": "a.csv", "column": "load", **sent}
+            )
             said = json.loads(answer[4 : 4 + struct.unpack_from("<I", answer)[0]])
             refused += "error" in said
             assert "a fault in feeddrive" not in said.get("error", ""), (act, sent, said["error"])
@@ -366,7 +368,7 @@ def test_whatever_a_page_sends_of_a_data_sheet_is_refused_in_plain_words(tmp_pat
 
 def test_a_result_calls_the_file_by_its_name_and_not_by_its_place(tmp_path: Path) -> None:
     words = {"verdict": [f"{tmp_path}/a.csv: good"], "sections": ({"title": f"in {tmp_path}/a.csv", "rows": 3},)}
-    found = bring._renamed(words, {f"{tmp_path}/a.csv": "a.csv"})
+    found = import_._renamed(words, {f"{tmp_path}/a.csv": "a.csv"})
     assert found == {"verdict": ["a.csv: good"], "sections": [{"title": "in a.csv", "rows": 3}]}
 
 

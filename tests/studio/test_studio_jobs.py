@@ -54,7 +54,7 @@ def session(tmp_path: Path) -> Session:
 
 def run(session: Session, work: Any, **more: Any) -> tuple[Desk, list[Any]]:
     ended = list[Any]()
-    session.desk.start("goal", "the work", work, ended.append, **more)
+    session.desk.start("optimize", "the work", work, ended.append, **more)
     assert session.desk.job is not None
     session.desk.job.join(60.0)
     return session.desk, ended
@@ -67,7 +67,7 @@ def test_work_gives_its_result_remarks_and_last_step(session: Session) -> None:
     state = desk.job_state()
     assert state is not None
     assert (state.state, state.remarks, ended) == (DONE, ("a remark",), [4])
-    assert any(b'"room":"goal"' in each for each in said)  # the room is shown again
+    assert any(b'"room":"optimize"' in each for each in said)  # the room is shown again
 
 
 def test_what_work_finds_on_its_way_reaches_its_room(session: Session) -> None:
@@ -77,9 +77,9 @@ def test_what_work_finds_on_its_way_reaches_its_room(session: Session) -> None:
 
 
 def test_another_work_has_to_wait_and_a_cancel_makes_room(session: Session) -> None:
-    session.desk.start("goal", "the first work", endless, lambda _: None)
+    session.desk.start("optimize", "the first work", endless, lambda _: None)
     with pytest.raises(ParameterError, match="the first work is running: wait for its end, or cancel it"):
-        session.desk.start("goal", "the second", endless, lambda _: None)
+        session.desk.start("optimize", "the second", endless, lambda _: None)
     job = session.desk.job
     assert job is not None
     session.answer({"number": 1, "do": "job.cancel"})
@@ -90,7 +90,7 @@ def test_another_work_has_to_wait_and_a_cancel_makes_room(session: Session) -> N
 
 def test_work_that_does_not_listen_is_ended(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("feeddrive.studio.jobs._PATIENCE", 0.2)
-    session.desk.start("goal", "deaf work", deaf, lambda _: None)
+    session.desk.start("optimize", "deaf work", deaf, lambda _: None)
     job = session.desk.job
     assert job is not None
     while job.state.state == "waiting":

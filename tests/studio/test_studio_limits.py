@@ -24,7 +24,7 @@ from feeddrive.studio.live import Followable, Following
 from feeddrive.studio.pictures import HeldPoles
 from feeddrive.studio.protection import read_password
 from feeddrive.studio.rooms import tune
-from feeddrive.studio.rooms.goal import Goal
+from feeddrive.studio.rooms.optimize import Optimize
 from feeddrive.studio.rooms.scope import Scope
 from feeddrive.studio.rooms.tune import Tune
 from feeddrive.studio.server import Session, Sessions, message
@@ -160,7 +160,7 @@ def test_the_longest_password_is_heard_with_every_byte_written_as_three() -> Non
 def test_a_picture_reaches_up_to_a_limit_less_than_20_dB_above_its_curves(limit: float, high: float) -> None:
     room = Stand(_peak_limit=lambda: limit)
     chart = Chart("frequency (Hz)", (Panel("|S| (dB)", (Curve(np.array([1.0, 10.0]), np.array([-20.0, 0.0])),)),))
-    assert Goal._up_to_limit(room, chart).panels[0].high == high  # type: ignore[arg-type]
+    assert Optimize._up_to_limit(room, chart).panels[0].high == high  # type: ignore[arg-type]
 
 
 def test_a_log_begins_with_four_channels_and_shows_eight_at_once() -> None:

@@ -15,7 +15,7 @@ from feeddrive.files.machine import BUNDLED, read_machine
 from feeddrive.studio.bench import bench_of
 from feeddrive.studio.jobs import DONE
 from feeddrive.studio.part_program import bundled_programs, example_path, letters_of
-from feeddrive.studio.rooms.take import recipe_of
+from feeddrive.studio.rooms.export import recipe_of
 from feeddrive.studio.server import Session
 
 OF_TIP = ["blade.ngc", "dome.ngc", "s_curve.ngc", "s_curve_vectors.ngc"]

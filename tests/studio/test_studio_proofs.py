@@ -7,6 +7,7 @@ import shlex
 import struct
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,12 @@ import pytest
 from feeddrive.machining.circle_test import quadrant_peaks
 from feeddrive.studio.bench import Bench, bench_of
 from feeddrive.studio.jobs import CANCELLED
-from feeddrive.studio.rooms.take import recipe_of
+from feeddrive.studio.live import Playback
+from feeddrive.studio.rooms.export import recipe_of
 from feeddrive.studio.server import Session
-from feeddrive.tuning.candidates import candidates
+from feeddrive.tuning.candidates import candidates, likeliest
 from feeddrive.workflow.compare import TAKEN, CompareRequest
+from feeddrive.workflow.tour import axis, strokes
 
 WANTED = ["P-PI", "P-PI + compensator", "P-PI + recovery"]
 
@@ -54,17 +57,30 @@ def session(bench: Bench, tmp_path: Path) -> Session:
 
 @pytest.fixture(scope="module")
 def compared(bench: Bench, tmp_path_factory: pytest.TempPathFactory) -> Session:
-    """A page on which some laws were chosen and compared."""
+    """A page on which some laws were chosen and compared; a row came as each of them was finished."""
     session = Session(tmp_path_factory.mktemp("compared"), bench)
     assert "error" not in asked(session, "compare.choose", laws=WANTED[1:])
-    done(session, "compare.start", starts=2)
+    begun = asked(session, "compare.start", starts=2)
+    assert (begun["found"], sorted(begun["to_come"])) == (None, sorted(WANTED))
+    seen = list[list[str]]()
+    while not session.desk.is_free:
+        said = asked(session, "compare.show")
+        rows = [] if said["found"] is None else [each["name"] for each in said["found"]["laws"][1:]]
+        assert sorted([*rows, *said["to_come"]]) == sorted(WANTED)
+        seen += [rows] if rows not in seen else []
+        session.desk.job.join(0.05)  # type: ignore[union-attr]
+    assert session.desk.job.state.error == ""  # type: ignore[union-attr]
+    assert [len(rows) for rows in seen][:3] == [0, 1, 2]
+    last = asked(session, "compare.show")
+    assert (last["to_come"], last["partial"]) == ([], False)
     return session
 
 
 def test_the_page_lists_the_laws_of_the_axis_and_keeps_the_choice(session: Session, bench: Bench) -> None:
     shown = asked(session, "compare.show")
     assert [each["name"] for each in shown["laws"]] == [law.name for law in candidates(bench.needed_loop())[0]]
-    assert all(each["wanted"] for each in shown["laws"])
+    wanted = [each["name"] for each in shown["laws"] if each["wanted"]]
+    assert sorted(wanted) == sorted(likeliest(bench.needed_loop(), candidates(bench.needed_loop())[0]))
     assert all(each["reason"] for each in shown["refused"])
     said = asked(session, "compare.choose", laws=["P-PI + recovery"])
     assert [each["name"] for each in said["laws"] if each["wanted"]] == ["P-PI", "P-PI + recovery"]
@@ -192,14 +208,83 @@ def test_of_another_source_no_certificate_is_taken_away_and_of_another_control_i
 ) -> None:
     session = Session(tmp_path, bench)
     done(session, "prove.certify")
-    assert asked(session, "take.show")["results"] == [{"name": "certificate", "said": ""}]
+    assert asked(session, "export.show")["results"] == [{"name": "certificate", "said": ""}]
     name, before = next(iter(session.desk.values.items()))
     asked(session, "tune.move", name=name, value=0.9 * before)
-    (found,) = asked(session, "take.show")["results"]
+    (found,) = asked(session, "export.show")["results"]
     assert found["said"] == "This result belongs to an earlier control. Run it again for the current one."
     asked(session, "tune.move", name=name, value=before)
-    assert asked(session, "take.show")["results"] == [{"name": "certificate", "said": ""}]
-    assert "error" not in asked(session, "bring.bundled", name="ball_screw")
+    assert asked(session, "export.show")["results"] == [{"name": "certificate", "said": ""}]
+    assert "error" not in asked(session, "import.bundled", name="ball_screw")
     assert (tmp_path / "certificate").is_dir()  # of the source before
-    assert asked(session, "take.show")["results"] == []
-    assert "name must be one of" in asked(session, "take.result", name="certificate")["error"]
+    assert asked(session, "export.show")["results"] == []
+    assert "name must be one of" in asked(session, "export.result", name="certificate")["error"]
+
+
+def test_what_is_not_proven_says_by_how_much_and_what_can_be_proven_instead(session: Session) -> None:
+    """The percentage that is offered is proven by the checker, and two digits more are not."""
+    proof = done(session, "prove.certify", model_error=300.0)["shown"]["certificate"]["proof"]
+    assert not proof["proven"]
+    assert 0.0 < proof["room"] < 1.0
+    # 2 digits, rounded down: at most 10 % below what the room admits
+    assert 0.9 * 300.0 * proof["room"] < proof["instead"] < 300.0 * proof["room"]
+    assert [kept for _, kept in proof["covers"]] == [True, True, True, False]
+    assert len(proof["outside"]) == 4
+    assert proof["files"] == []
+    assert not [step for step in session.desk.done if step.command == "certify"]  # a repetition would fail
+    found = done(session, "prove.certify", model_error=proof["instead"])["shown"]["certificate"]["proof"]
+    assert found["proven"]
+    assert 1.0 < found["room"] < 1.12
+    assert all((session.desk.folder / file["name"]).is_file() for file in found["files"])
+    # the other control is judged by the same error
+    assert {each["name"]: each["room"] for each in found["rooms"]}["Now"] == pytest.approx(found["room"])
+    wrong = asked(session, "prove.certify", model_error=0)
+    assert "the model may be wrong by more than 0" in wrong["error"]
+
+
+def test_a_loop_that_is_unstable_is_a_verdict_and_no_fault(session: Session) -> None:
+    name = "law.omega_c"
+    asked(session, "tune.move", name=name, value=session.desk.values[name] * 30.0, first=True)
+    proof = done(session, "prove.certify")["shown"]["certificate"]["proof"]
+    assert (proof["proven"], proof["head"], proof["room"]) == (False, "The loop itself is unstable.", None)
+    assert "Hz grows" in proof["sentence"]
+
+
+def test_an_example_stands_where_nothing_was_done(session: Session, tmp_path: Path) -> None:
+    assert "example.margin" in asked(session, "prove.show")["charts"]
+    rows = asked(session, "compare.show")["example"]["rows"]
+    assert rows[0][0] == "P-PI"
+    assert all(value < rows[0][1] for _, value, _ in rows[1:])  # the likeliest have less error there
+    (tmp_path / "none").mkdir()
+    none = Session(tmp_path / "none")
+    assert "law_Kp" in asked(none, "export.show")["example"]
+    assert "example" in asked(none, "optimize.show")["charts"]
+    assert "example" in asked(none, "scope.show")["charts"]
+    assert "error" not in asked(none, "scope.follow", name="example")
+    deadline = time.monotonic() + 20.0
+    while "scope" not in (said := asked(none, "scope.frame"))["charts"] and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert said["state"].startswith("plays the bundled example")
+    assert said["of"][3] == "drive force N"
+    asked(none, "scope.stop")
+    none.desk.close()
+
+
+def test_what_the_model_may_be_wrong_by_is_that_of_the_certificate_and_has_bounds(session: Session) -> None:
+    said = done(session, "prove.certify")
+    assert said["shown"]["certificate"]["proof"]["proven"]
+    document = json.loads((session.desk.folder / "certificate.json").read_text(encoding="utf-8"))
+    radii = {r for plant in document["plants"] for band in plant["radius"] for r in band["r"]}
+    assert [100.0 * r for r in radii] == [pytest.approx(said["model_error"])]
+    assert "at most 500 %" in asked(session, "prove.certify", model_error=501.0)["error"]
+    assert not done(session, "prove.certify", model_error=499.0)["shown"]["certificate"]["proof"]["proven"]
+
+
+def test_the_bundled_source_plays_all_strokes_at_a_thousand_rows_a_second(session: Session) -> None:
+    rows = Playback(1.0).take()
+    assert np.diff(rows.time) == pytest.approx(1e-3)
+    assert 1000 <= rows.time.size <= 1500  # and those of the time that the test took
+    chart = asked(session, "scope.show")["charts"]["example"]
+    loop = axis()
+    lasts = strokes(float(loop.sample_time)).size * float(loop.sample_time)
+    assert -chart["low"] == pytest.approx(lasts, abs=0.01)  # ten rows

@@ -19,7 +19,7 @@ import feeddrive as fd
 from feeddrive.language import tree
 from feeddrive.language.block import declarations
 from feeddrive.studio.bench import bench_of
-from feeddrive.studio.rooms.take import recipe_of
+from feeddrive.studio.rooms.export import recipe_of
 from feeddrive.studio.server import Session
 from feeddrive.workflow.tune import TuneRequest
 
@@ -44,8 +44,8 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Session, Path]:
     done(session, "tune.add", kind="notch")
     done(session, "tune.move", name="filters.0.damping_pole", value=0.2)
     done(session, "prove.certify")
-    done(session, "take.export", target="parameters")
-    done(session, "take.machine")
+    done(session, "export.export", target="parameters")
+    done(session, "export.machine")
     return session, folder
 
 
@@ -119,7 +119,7 @@ def test_two_part_programs_have_a_job_and_a_run_each(tmp_path: Path) -> None:
         part = tmp_path / tomllib.loads(job.read_text(encoding="utf-8"))["program"]["file"]
         assert text in part.read_text(encoding="utf-8")
         assert f"# {job}: the job of {part.name}" in recipe_of(session.desk).commands
-    assert session.rooms["take"].show().words["results"] == [{"name": name, "said": ""} for name in ("run", "run_2")]
+    assert session.rooms["export"].show().words["results"] == [{"name": name, "said": ""} for name in ("run", "run_2")]
 
 
 def test_what_led_to_a_source_stays_in_the_recipe(tmp_path: Path) -> None:
@@ -134,20 +134,20 @@ def test_what_led_to_a_source_stays_in_the_recipe(tmp_path: Path) -> None:
     np.savetxt(log, table, delimiter=",", header="t,kraft_N,lageistwert_mm", comments="")
     session = Session(tmp_path)
     session.desk.files["log.csv"] = log
-    done(session, "bring.look", names=["log.csv"])
-    done(session, "bring.estimate", name="log.csv")
+    done(session, "import.look", names=["log.csv"])
+    done(session, "import.estimate", name="log.csv")
     (estimated,) = words_of(session)
     roles = Path(estimated[estimated.index("--channels") + 1])
     assert f"# {roles}: roles of columns" in recipe_of(session.desk).commands
-    bring: Any = session.rooms["bring"]
+    bring: Any = session.rooms["import"]
     name = next(each.name for each in bring.files.values() if each.responses)
     load = bring.files[name].responses[0]
-    done(session, "bring.responses", name=name, load=load, machine="linear_motor")
+    done(session, "import.responses", name=name, load=load, machine="linear_motor")
     assert words_of(session) == [estimated]
     chosen = str(session.desk.needed.sources.source)
     session.desk.did("tune", TuneRequest(chosen))
     assert f"# {chosen}: responses that were chosen" in recipe_of(session.desk).commands
-    done(session, "bring.bundled", name="linear_motor")
+    done(session, "import.bundled", name="linear_motor")
     assert words_of(session)[0] == estimated
 
 
@@ -157,7 +157,7 @@ def test_the_job_begins_with_the_control_that_was_brought(bare: Path, tmp_path: 
     folder.mkdir()
     session = Session(folder, bench_of(bare))
     done(session, "tune.add", kind="notch")
-    done(session, "take.guard", following_error_limit=2.5)
+    done(session, "export.guard", following_error_limit=2.5)
     begun: Any = session.desk.control
     session.desk.exchange(replace(begun, law=replace(begun.law, Tn=0.01)), folder / "tuned.toml")
     assert session.desk.base == folder / "tuned.toml"
@@ -194,14 +194,14 @@ def test_a_guard_is_added_on_the_page_and_by_the_commands(bare: Path, tmp_path: 
     folder = tmp_path / "page"
     folder.mkdir()
     session = Session(folder, bench_of(bare))
-    fields = {each["name"]: each for each in session.rooms["take"].show().words["bounds"]}
+    fields = {each["name"]: each for each in session.rooms["export"].show().words["bounds"]}
     assert list(fields) == [name for name in declarations(fd.Guard) if not getattr(fd.Guard(), name)]
     assert (fields["following_error_limit"]["unit"], fields["velocity_limit"]["unit"]) == ("mm", "m/s")
-    assert b"a guard needs a bound" in session.answer({"number": 1, "do": "take.guard", "safe_force": 3.0})
+    assert b"a guard needs a bound" in session.answer({"number": 1, "do": "export.guard", "safe_force": 3.0})
     done(session, "tune.move", name="law.Kv", value=55.0)
-    done(session, "take.guard", following_error_limit=2.5, velocity_limit=1.5)
-    done(session, "take.machine")
-    assert session.rooms["take"].show().words["bounds"] == []
+    done(session, "export.guard", following_error_limit=2.5, velocity_limit=1.5)
+    done(session, "export.machine")
+    assert session.rooms["export"].show().words["bounds"] == []
     wanted = fd.read_machine(folder / "machine.toml").loop(None).control
     assert wanted.guard is not None
     assert (wanted.guard.following_error_limit, wanted.guard.velocity_limit) == (2.5e-3, 1.5)
@@ -213,7 +213,7 @@ def test_a_guard_is_added_on_the_page_and_by_the_commands(bare: Path, tmp_path: 
     assert tree.structure(again) == tree.structure(wanted)
     assert dict(tree.leaves(again)) == dict(tree.leaves(wanted))
     done(session, "tune.undo")
-    assert session.rooms["take"].show().words["bounds"] != []
+    assert session.rooms["export"].show().words["bounds"] != []
 
 
 def test_a_goal_that_needs_an_integral_says_so_before_the_search(bare: Path, tmp_path: Path) -> None:
@@ -221,13 +221,13 @@ def test_a_goal_that_needs_an_integral_says_so_before_the_search(bare: Path, tmp
     folder = tmp_path / "page"
     folder.mkdir()
     session = Session(folder, bench_of(bare))
-    goal = session.rooms["goal"]
+    goal = session.rooms["optimize"]
     assert "no integral action" in goal.show().words["begins"]
-    done(session, "goal.set", field="law", value="cascade_ppi")
+    done(session, "optimize.set", field="law", value="cascade_ppi")
     assert goal.show().words["begins"] == ""
-    done(session, "goal.set", field="starts", value="1")
-    done(session, "goal.tune")
-    done(session, "goal.accept")
+    done(session, "optimize.set", field="starts", value="1")
+    done(session, "optimize.tune")
+    done(session, "optimize.accept")
     assert "law.Tn" in session.desk.values
     assert session.desk.machine_path() == folder / "tuned" / "machine.toml"
     assert session.desk.kept == {}

@@ -86,7 +86,7 @@ def test_a_file_is_followed_while_it_grows(session: Session, tmp_path: Path) -> 
         ("force_N", "N", True),
         ("note", "", True),
     ]
-    assert said["look"].startswith("runs by")
+    assert said["look"].startswith("free running")
     write(tmp_path / "run.csv", 500, 1600)
     said = until(session, lambda said: abs(curve(said, "force_N")[1][-1] - 100 * abs(2 * 0.599 - 1)) < 1e-3)
     x, y = curve(said, "x_mm")
@@ -121,15 +121,15 @@ def test_trigger_cursors_units_and_the_log_that_is_kept(session: Session, tmp_pa
     assert [float(each) for each in first[1:]] == pytest.approx([*at, at[1] - at[0]], abs=0.2)
     said = ask(session, "scope.save", between=True)
     assert "error" not in said
-    log = read_log(session.desk.folder / "brought" / said["bring"])
+    log = read_log(session.desk.folder / "brought" / said["import"])
     assert (log.time[0], log.time[-1]) == pytest.approx((-0.05, 0.075), abs=1e-3)
     assert log.sample_time == 1e-3
     assert dict(log.units) == {"x_mm": "mm", "force_N": "N", "note": ""}
     np.testing.assert_allclose(log["x_mm"], np.sin(20.0 * log.time + np.arcsin(0.5)), atol=2e-4)
-    ask(session, "bring.look", names=[said["bring"]])
+    ask(session, "import.look", names=[said["import"]])
     session.desk.job.join(60.0)  # type: ignore[union-attr]
-    (brought,) = ask(session, "bring.show")["files"]
-    assert (brought["name"], brought["kind"], brought["wrong"]) == (said["bring"], "log", "")
+    (brought,) = ask(session, "import.show")["files"]
+    assert (brought["name"], brought["kind"], brought["wrong"]) == (said["import"], "log", "")
 
 
 def test_single_stands_until_it_is_armed_and_a_pause_lets_recording_go_on(session: Session, tmp_path: Path) -> None:
@@ -153,7 +153,7 @@ def test_single_stands_until_it_is_armed_and_a_pause_lets_recording_go_on(sessio
     write(tmp_path / "run.csv", 2000, 2600)
     time.sleep(0.2)
     still = ask(session, "scope.frame")
-    assert still["look"].startswith("paused")
+    assert still["look"].startswith("held")
     np.testing.assert_array_equal(curve(still, "force_N")[1], curve(held, "force_N")[1])
     ask(session, "scope.hold", on=False)
     _, y = curve(until(session, lambda now: not now["held"]), "force_N")
@@ -163,7 +163,7 @@ def test_single_stands_until_it_is_armed_and_a_pause_lets_recording_go_on(sessio
 @pytest.mark.parametrize(
     ("asked", "reason"),
     [
-        ({"do": "scope.follow", "name": "/etc/passwd"}, "may not be followed. Others: name them with --follow"),
+        ({"do": "scope.follow", "name": "/etc/passwd"}, "may not be followed. Others: name files or drives to follow"),
         ({"do": "scope.follow", "name": "../secret.csv"}, "may not be followed"),
         ({"do": "scope.follow", "name": ""}, "may not be followed"),
         ({"do": "scope.follow", "name": "drive.toml"}, "may not be followed"),
@@ -293,7 +293,7 @@ def test_a_source_without_a_clock_is_counted_in_samples_and_kept_once_it_has_one
         until(made, lambda said: bool(said["charts"]) and "(s)" in said["charts"]["scope"]["label"])
         ask(made, "scope.channel", name="column_1", shown=True, stated="mm")
         kept = ask(made, "scope.save", between=False)
-        log = read_log(made.desk.folder / "brought" / kept["bring"])
+        log = read_log(made.desk.folder / "brought" / kept["import"])
         assert (log.sample_time, dict(log.units)) == (1e-3, {"column_1": "mm"})
     finally:
         leave()
@@ -332,7 +332,7 @@ def test_a_window_keeps_the_names_and_units_of_its_recording_when_the_file_is_re
     ask(session, "scope.move", name="1", x=0.0)
     assert [each[0] for each in ask(session, "scope.frame")["readout"][1:]] == ["force_N (kN)", "position_mm (mm)"]
     kept = ask(session, "scope.save", between=False)
-    log = read_log(session.desk.folder / "brought" / kept["bring"])
+    log = read_log(session.desk.folder / "brought" / kept["import"])
     assert dict(log.units) == {"force_N": "N", "position_mm": "mm"}
     np.testing.assert_allclose(log["force_N"], -log["position_mm"])
     assert [each["name"] for each in ask(session, "scope.show")["channels"]] == ["velocity_mm_s", "force_N"]

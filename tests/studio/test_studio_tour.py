@@ -32,21 +32,21 @@ def test_each_step_ends_with_an_act_or_a_command_that_there_is(tmp_path: Path) -
         if step.command:
             assert step.command in COMMANDS
         assert 1 <= step.text.count(". ") + 1 <= 2, step.title  # two sentences
-    assert STEPS[-1].room == "take"
+    assert STEPS[-1].room == "export"
 
 
 def test_next_back_and_leave(tmp_path: Path) -> None:
     session = Session(tmp_path)
     tour = session._tour
     assert tour.words is None
-    tour.heard("bring.tour")
-    tour.heard("goal.show")  # of a later step: nothing
+    tour.heard("import.tour")
+    tour.heard("optimize.show")  # of a later step: nothing
     places = list[int]()
     for act in ("back", "next", "next", "back", "next", "next"):
         session.answer({"number": 1, "do": f"tour.{act}"})
         places.append(tour.words["number"])
     assert places == [1, 2, 3, 2, 3, 4]
-    tour.heard("goal.show")
+    tour.heard("optimize.show")
     assert tour.words["number"] == 5
     session.answer({"number": 1, "do": "tour.leave"})
     assert tour.words is None
@@ -61,10 +61,10 @@ def test_the_tour_is_offered_on_an_empty_page_marks_what_is_next_and_stays_over_
     served: Callable[..., Any],
 ) -> None:
     page = (opened := served().open()).page
-    page.click("#bring-tour")
+    page.click("#import-tour")
     assert opened.ended() == "done"
     assert "step 1 of" in page.inner_text("#tour")
-    assert not page.is_visible("#bring-tour")
+    assert not page.is_visible("#import-tour")
     assert page.locator("#columns-of-log tbody tr").count() == 5
     page.click("#tour-next")
     opened.settled()
@@ -72,11 +72,11 @@ def test_the_tour_is_offered_on_an_empty_page_marks_what_is_next_and_stays_over_
     page.focus("#tour-back")
     page.click("#tour-show")
     assert page.evaluate("document.activeElement.id") == "identify"
-    assert page.input_value("#bring-machine") == "ball_screw"
+    assert page.input_value("#import-machine") == "ball_screw"
     page.reload()
     page.wait_for_selector("#tour:not([hidden])")
     assert "step 2 of" in page.inner_text("#tour")
-    page.click("#tab-goal")
+    page.click("#tab-optimize")
     opened.settled()
     page.click("#tour-show")  # leads back to the room of the step
     page.wait_for_selector("#identify:focus")
@@ -97,13 +97,13 @@ def test_the_tour_ends_with_an_exported_control(served: Callable[..., Any]) -> N
             page.wait_for_selector(f"#{each}.tour-marked")
         opened.settled()
         assert set(marked(page)) == set(step.marked)
-        if "goal-field-max_compliance" in step.marked:
+        if "optimize-field-max_compliance" in step.marked:
             assert "0.16" in step.text
-            page.fill("#goal-field-max_compliance", "0.16")
+            page.fill("#optimize-field-max_compliance", "6.25")
             page.keyboard.press("Tab")
         if step is STEPS[-1]:
             with page.expect_download() as waiting:
-                page.click("#take-archive-c")
+                page.click("#export-archive-c")
             assert waiting.value.suggested_filename == "export_c.zip"
         page.click(f"#{step.marked[-1]}")
     page.wait_for_selector("#tour", state="hidden")

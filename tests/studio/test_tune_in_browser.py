@@ -184,8 +184,8 @@ def test_the_bandwidth_is_slid_and_undone_as_one(opened: Any) -> None:
 
 def test_the_limit_that_is_broken_is_said_with_its_place(opened: Any) -> None:
     page = opened.page
-    opened.go("goal")
-    page.fill("#goal-field-phase_margin", "85")
+    opened.go("optimize")
+    page.fill("#optimize-field-phase_margin", "85")
     page.keyboard.press("Tab")
     opened.settled()
     opened.go("tune")

@@ -49,7 +49,7 @@ def test_a_zoom_in_y_ends_with_another_unit_another_source_and_by_its_button(ser
     assert button.is_hidden()
     zoom_up(opened, picture)
     assert button.is_visible()
-    opened.go("bring")
+    opened.go("import")
     page.click("#bundled-ball_screw")
     page.wait_for_selector("#tab-tune[aria-selected=true]")
     opened.settled()
@@ -59,9 +59,9 @@ def test_a_zoom_in_y_ends_with_another_unit_another_source_and_by_its_button(ser
 
 def test_a_limit_is_set_by_a_drag_alone_and_out_of_sight_it_is_hidden(studio: Any) -> None:
     page = (opened := studio.open(1280, 1400)).page
-    opened.go("goal")
-    picture = "#goal-sensitivity"
-    line, field = page.locator(f"{picture} .level"), page.locator("#goal-field-max_ms")
+    opened.go("optimize")
+    picture = "#optimize-sensitivity"
+    line, field = page.locator(f"{picture} .level"), page.locator("#optimize-field-max_ms")
     line.wait_for()
     before = field.input_value()
 

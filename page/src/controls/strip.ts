@@ -25,7 +25,7 @@ export const SHAPES: Record<State, [Icon, string]> = {
   close: ["close", "limit kept, less than 5 % left"],
   broken: ["broken", "limit broken"],
   free: ["free", "no limit"],
-  open: ["open", "not computed yet"],
+  open: ["unrun", "not computed yet"],
 };
 
 export class Strip {

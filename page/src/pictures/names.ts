@@ -1,4 +1,5 @@
-// Names beside marks, each where it covers neither a mark nor another name, as in the reports (plot/drawing.py).
+// Names beside marks, each where it covers neither a mark nor another name. One that has no such spot is left out: a mark
+// that is pointed at says its name.
 
 import { pixel, type Axis } from "./axis";
 import { color, type Look } from "./look";
@@ -6,7 +7,7 @@ import type { Mark } from "../wire";
 
 const [STEP, TALL, AROUND] = [11, 13, 6]; // CSS pixels: of a spot, of a line, half of a mark
 const AWAY: [number, number][] = [[1, 0], [-1, 0], [0.7, -0.8], [-0.7, -0.8], [0.7, 0.8], [-0.7, 0.8], [0, -1], [0, 1]]; // prettier-ignore
-const SPOTS = [1, 1.9, 2.9, 4].flatMap((reach) => AWAY.map(([dx, dy]): [number, number] => [reach * dx, reach * dy]));
+const SPOTS = [1, 1.9, 2.9, 4, 5.5, 7, 9].flatMap((reach) => AWAY.map(([dx, dy]): [number, number] => [reach * dx, reach * dy]));
 const NEAR = 16; // CSS pixels in which a mark is pointed at
 
 interface Box {
@@ -35,6 +36,7 @@ export function names(ctx: CanvasRenderingContext2D, marks: Mark[], x: Axis, y: 
   for (const { px, py, text, tint } of at) {
     const wide = ctx.measureText(text).width + 4 * ratio;
     const box = free(px, py, wide, taken, x, y, ratio);
+    if (!box) continue;
     taken.push(box);
     ctx.fillStyle = ctx.strokeStyle = tint;
     ctx.fillText(text, (box.left + box.right) / 2, (box.top + box.bottom) / 2);
@@ -48,20 +50,16 @@ export function names(ctx: CanvasRenderingContext2D, marks: Mark[], x: Axis, y: 
   ctx.textBaseline = "alphabetic";
 }
 
-// The spot that covers least of what is taken and of what lies outside, the nearest first.
-function free(px: number, py: number, wide: number, taken: Box[], x: Axis, y: Axis, ratio: number): Box {
-  let found: { cost: number; box: Box } | null = null;
-  SPOTS.forEach(([dx, dy], i) => {
+// The nearest spot inside the axes that covers nothing that is taken; null if there is none.
+function free(px: number, py: number, wide: number, taken: Box[], x: Axis, y: Axis, ratio: number): Box | null {
+  for (const [dx, dy] of SPOTS) {
     const left = px + STEP * ratio * dx - wide * (dx > 0 ? 0 : dx < 0 ? 1 : 0.5);
     const top = py + STEP * ratio * dy - 0.5 * TALL * ratio;
     const box = { left, top, right: left + wide, bottom: top + TALL * ratio };
-    const over = taken.reduce((sum, each) => sum + shared(box, each), 0) / ratio ** 2;
-    const across = Math.max(x.from - box.left, 0) + Math.max(box.right - x.to, 0);
-    const out = (across + Math.max(y.to - box.top, 0) + Math.max(box.bottom - y.from, 0)) / ratio;
-    const cost = over + 20 * out + 3 * i;
-    if (!found || cost < found.cost) found = { cost, box };
-  });
-  return found!["box"];
+    const inside = box.left >= x.from && box.right <= x.to && box.top >= y.to && box.bottom <= y.from;
+    if (inside && taken.every((each) => shared(box, each) === 0)) return box;
+  }
+  return null;
 }
 
 function shared(a: Box, b: Box): number {

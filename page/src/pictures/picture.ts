@@ -65,6 +65,7 @@ export class Picture {
     private readonly tight = false,
   ) {
     this.whole.setAttribute("aria-label", `show all of ${title}`);
+    if (tight) this.element.className = "tight";
     this.quantities.className = "quantities";
     this.dot.className = "dot";
     this.dot.hidden = true;

@@ -22,6 +22,30 @@ export interface Column extends Signal {
   high: string;
 }
 
+// Roles in the words of the trade; one that a package adds has its own name.
+const ROLES: Record<string, string> = {
+  time: "Time",
+  setpoint_position: "Set position",
+  setpoint_velocity: "Set velocity",
+  position_motor: "Actual position (motor)",
+  position_load: "Actual position (linear scale)",
+  velocity_motor: "Actual velocity (motor)",
+  velocity_load: "Actual velocity (linear scale)",
+  acceleration_load: "Acceleration of the table",
+  force: "Drive force",
+  command: "Command to the drive",
+  load_force: "Force on the table",
+  excitation: "Excitation",
+  setpoint_angle: "Set angle",
+  setpoint_speed: "Set speed",
+  angle_motor: "Actual angle (motor)",
+  angle_load: "Actual angle (load encoder)",
+  speed_motor: "Actual speed (motor)",
+  speed_load: "Actual speed (load encoder)",
+  torque: "Drive torque",
+  current: "Motor current",
+};
+
 class Row {
   private static made = 0;
   readonly element = make("tr");
@@ -44,7 +68,7 @@ class Row {
     this.shown = column;
     const among = Object.entries(roles).map(([role, unit]): [string, string] => [
       role,
-      `${role.replaceAll("_", " ")}${unit ? ` (${unit})` : ""}`,
+      ROLES[role] ?? `${role.replaceAll("_", " ")}${unit ? ` (${unit})` : ""}`,
     ]);
     this.role = make(
       "select",
@@ -97,7 +121,7 @@ class Row {
 
   private send(): void {
     this.ask({
-      do: "bring.role",
+      do: "import.role",
       name: this.file,
       column: this.shown.column,
       role: this.role.value,
@@ -112,6 +136,7 @@ export class ColumnTable {
   readonly element = make(
     "div",
     { id: "columns-of-log", hidden: "" },
+    make("h2", {}, "What each column is"),
     make(
       "table",
       { class: "columns" },
@@ -121,7 +146,7 @@ export class ColumnTable {
         make(
           "tr",
           {},
-          ...["column", "is the", "unit", "factor", "in this unit"].map((each) => make("th", { scope: "col" }, each)),
+          ...["Column", "Is the", "Unit", "Factor", "In this unit"].map((each) => make("th", { scope: "col" }, each)),
         ),
       ),
       this.body,

@@ -46,20 +46,20 @@ interface Words {
 
 const CALM = 700; // ms in which a new question takes no answer: the click may be meant for the one before
 const PER: Record<string, number> = { mm: 1e3, deg: 180 / Math.PI, in: 1 / 0.0254 };
-const SHAPES: Record<State, Icon> = { todo: "open", runs: "play", done: "kept", refused: "broken", undone: "undo" };
+const SHAPES: Record<State, Icon> = { todo: "unrun", runs: "play", done: "kept", refused: "broken", undone: "undo" };
 const PICTURES = { trial: "Trial: predicted and measured", responses: "Frequency responses and model", strokes: "Strokes" };
 
 export class Commission implements Room {
   readonly name = "commission";
   readonly title = "Commission";
-  readonly element = make("div", { class: "commission" });
+  readonly element = make("div", { class: "commission fills" });
   private readonly head = make("div", { class: "head" });
   private readonly safety = make("div", {
     class: "safety",
     role: "group",
     "aria-label": "Safety: what moves, and how to stop it",
   });
-  private readonly cells = make("div", { class: "cells" });
+  private readonly cells = make("div", { class: "limits" });
   private readonly stop = button("Stop the axis (Esc)", () => this.ask({ do: "job.cancel" }), {
     id: "commission-stop",
     class: "stop",
@@ -84,7 +84,7 @@ export class Commission implements Room {
     for (const [key, each] of this.pictures) each.element.id = `commission-${key}`;
     this.grid.append(...[...this.pictures.values()].map((each) => each.element));
     this.safety.append(this.cells, this.stop);
-    const side = make("nav", { class: "side", "aria-label": "Steps" }, this.steps);
+    const side = make("nav", { class: "steps", "aria-label": "Steps" }, this.steps);
     const evidence = make(
       "div",
       { class: "evidence" },

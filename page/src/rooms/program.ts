@@ -61,7 +61,7 @@ const [TIME, LINE, PLACE, AXIS, BELOW, JOINTS] = [0, 1, 2, 5, 8, 9];
 export class Program implements Room {
   readonly name = "program";
   readonly title = "Program";
-  readonly element = make("div", { class: "program" });
+  readonly element = make("div", { class: "program fills" });
   private readonly intro = make("div", { class: "empty" });
   private readonly head = make("div", { class: "head" });
   private readonly verdict = make("p", { id: "program-verdict", role: "status" });
@@ -118,7 +118,7 @@ export class Program implements Room {
     this.space.element.id = "program-path";
     for (const [key, each] of this.pictures) each.element.id = `program-${key}`;
     this.grid.append(this.space.element, ...[...this.pictures.values()].map((each) => each.element));
-    const side = make("div", { class: "side" }, this.text, this.lists);
+    const side = make("div", { class: "source" }, this.text, this.lists);
     const bar = make("div", { class: "bar" }, this.verdict, this.more);
     this.element.append(this.intro, this.head, bar, this.figures, this.strip, side, this.grid, this.wait);
     this.slider.addEventListener("input", () => this.point(Number(this.slider.value)));

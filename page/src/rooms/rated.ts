@@ -73,7 +73,7 @@ export class Rated {
       CONSTANTS.map(([, each]) => each),
     );
     this.constant = { field, unit, line: make("div", {}, "constant ", field.input, " ", unit) };
-    this.screw = new Field(`Lead of the screw for ${column}`, "6", changed, true);
+    this.screw = new Field(`Screw pitch for ${column}`, "6", changed, true);
     this.gear = new Field(`Gear for ${column}`, "6", changed, true);
     for (const box of [this.amplitude, this.inverted]) box.addEventListener("change", changed);
     this.more = make(
@@ -81,7 +81,7 @@ export class Rated {
       {},
       make("summary", {}, "gear, sign"),
       this.peak,
-      make("div", {}, "screw lead ", this.screw.input, " mm per turn"),
+      make("div", {}, "screw pitch ", this.screw.input, " mm per turn"),
       make("div", {}, "gear ", this.gear.input, " motor turns per screw turn"),
       make("label", {}, this.inverted, " the sign is reversed"),
     );
@@ -158,6 +158,6 @@ export class Rated {
     request.gear = numberOf(this.gear.input.value);
     request.inverted = this.inverted.checked;
     // half of the data is no error: the rest is still to be entered
-    if (complete) this.ask({ do: "bring.scale", name: this.file, column: this.column, signal: this.signal, ...request });
+    if (complete) this.ask({ do: "import.scale", name: this.file, column: this.column, signal: this.signal, ...request });
   }
 }

@@ -3,6 +3,7 @@
 
 import { look, whenPainted } from "../pictures/look";
 import { button, make, table } from "../parts";
+import { badge, empty } from "../empty";
 import { Picture } from "../pictures/picture";
 import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
@@ -38,6 +39,7 @@ interface Frame {
 }
 interface Words extends Frame {
   sources: { name: string; kind: string }[];
+  example: string;
   hint: string;
   chosen: string;
   fields: Field[];
@@ -46,9 +48,29 @@ interface Words extends Frame {
   trigger: string;
   saved: string;
   channels: Channel[];
-  bring?: string;
+  import?: string;
 }
 
+// The words of this view; states and fields come from the server.
+const TEXT = {
+  start: "Start",
+  stop: "Stop",
+  arm: "Arm",
+  hold: "Hold",
+  go_on: "Run",
+  clear: "Clear cursors",
+  save: "Save capture",
+  between: "Save between cursors",
+  cursors: "Cursors: click in the picture, or move them here",
+  title: "See what the drive does, while it does it.",
+  sentence:
+    "The scope shows signals as they are recorded, from a file that grows, a pipe or a drive, with trigger and cursors. A capture is a log that Import can identify.",
+  example: "Run the example",
+  note: "It plays on this computer and moves nothing.",
+  signals: "Signals",
+  heads: ["shown", "channel", "unit", "shown in"],
+};
+const EXAMPLE = "example"; // the bundled source, as on the server
 const OFTEN = 50; // ms from one picture to the next: 20 a second
 const PANEL = 130; // pixels of a panel more
 const STEPS = 1000; // of the slider of a cursor
@@ -57,7 +79,7 @@ const OF_TRIGGER = ["level", "before", "hysteresis", "hold"];
 export class Scope implements Room {
   readonly name = "scope";
   readonly title = "Scope";
-  readonly element = make("div", { class: "scope" });
+  readonly element = make("div", { class: "scope fills" });
   private readonly source = make("select", { id: "scope-source" });
   private readonly follow: HTMLButtonElement;
   private readonly state = make("p", { id: "scope-state" });
@@ -91,18 +113,27 @@ export class Scope implements Room {
   private known = ""; // channels of the settings that are shown
   private timer = 0;
   private read = "";
+  private readonly shows = new Picture(TEXT.signals, undefined, true);
+  private readonly nothing = make("div", { class: "pane", hidden: "" });
+  private readonly work: HTMLElement;
+  private readonly badged: (name: string) => void;
 
   constructor(private readonly ask: Ask) {
-    this.follow = button("Follow", () => this.start(), { id: "scope-follow", class: "main" });
-    this.arm = button("Arm", () => ask({ do: "scope.arm" }), { id: "scope-arm" });
-    this.hold = button("Pause", () => ask({ do: "scope.hold", on: !this.words?.held }), {
+    this.follow = button(TEXT.start, () => this.start(), { id: "scope-follow" });
+    this.arm = button(TEXT.arm, () => ask({ do: "scope.arm" }), { id: "scope-arm" });
+    this.hold = button(TEXT.hold, () => ask({ do: "scope.hold", on: !this.words?.held }), {
       id: "scope-pause",
     });
-    this.off = button("Take the cursors away", () => ask({ do: "scope.move", name: "1", x: null }), { id: "scope-off" });
-    const keep = button("Keep the window as a log", () => ask({ do: "scope.save", between: false }), { id: "scope-save" });
-    this.between = button("Keep what lies between the cursors", () => ask({ do: "scope.save", between: true }), {
+    this.off = button(TEXT.clear, () => ask({ do: "scope.move", name: "1", x: null }), { id: "scope-off" });
+    const keep = button(TEXT.save, () => ask({ do: "scope.save", between: false }), { id: "scope-save" });
+    this.between = button(TEXT.between, () => ask({ do: "scope.save", between: true }), {
       id: "scope-between",
     });
+    const run = button(TEXT.example, () => ask({ do: "scope.follow", name: EXAMPLE }), { id: "scope-example" });
+    const of = make("div");
+    this.badged = (name) => of.replaceChildren(badge(name));
+    const { title, sentence, note } = TEXT;
+    this.nothing.append(empty({ title, sentence, note, act: run, example: { of, shows: this.shows.element } }));
     this.sliders = ["1", "2"].map((which) => this.slider(which));
     this.clicks = ["1", "2"].map((which, i) =>
       make("input", { type: "radio", name: "scope-click", id: `scope-click-${which}`, ...(i === 0 ? { checked: "" } : {}) }),
@@ -112,7 +143,7 @@ export class Scope implements Room {
     }
     const settings = make(
       "section",
-      { "aria-label": "Settings", class: "settings" },
+      { "aria-label": "Settings", class: "side settings" },
       labelled("Source", this.source),
       make("div", { class: "buttons" }, this.follow),
       this.state,
@@ -133,7 +164,7 @@ export class Scope implements Room {
     this.cursors = make(
       "fieldset",
       { class: "cursors" },
-      make("legend", {}, "Cursors: click in the picture, or move them here"),
+      make("legend", {}, TEXT.cursors),
       ...this.sliders.map((slider, i) => make("label", {}, make("span", {}, `cursor ${i + 1}`), slider)),
       make(
         "div",
@@ -146,19 +177,17 @@ export class Scope implements Room {
     );
     this.picture.element.id = "picture-scope";
     this.picture.onpick = (x) => this.click(x);
-    this.element.append(
-      settings,
-      make(
-        "section",
-        { "aria-label": "Signals" },
-        make("div", { class: "buttons" }, this.hold, keep, this.between),
-        this.trouble,
-        this.looking,
-        this.picture.element,
-        this.cursors,
-        this.channels,
-      ),
+    this.work = make(
+      "section",
+      { "aria-label": TEXT.signals, class: "pane signals" },
+      make("div", { class: "buttons" }, this.hold, keep, this.between),
+      this.trouble,
+      this.looking,
+      this.picture.element,
+      this.cursors,
+      this.channels,
     );
+    this.element.append(settings, this.nothing, this.work);
     document.addEventListener("visibilitychange", () => this.next());
     whenPainted(() => this.draw());
   }
@@ -172,9 +201,9 @@ export class Scope implements Room {
     if (frame.live && frame.of.join("\n") !== this.known) this.ask({ do: "scope.show" });
     this.stands(words);
     this.draw();
-    if (words.bring && !frame.live) {
-      this.ask({ do: "bring.look", names: [words.bring] });
-      document.dispatchEvent(new CustomEvent("go", { detail: "bring" }));
+    if (words.import && !frame.live) {
+      this.ask({ do: "import.look", names: [words.import] });
+      document.dispatchEvent(new CustomEvent("go", { detail: "import" }));
     }
     this.next();
   }
@@ -203,12 +232,9 @@ export class Scope implements Room {
 
   private settings(words: Words): void {
     this.known = [...words.of].join("\n");
-    const none = words.sources.length
-      ? []
-      : [{ name: "", kind: "nothing may be followed: start feeddrive studio --follow FILE" }];
     options(
       this.source,
-      [...words.sources, ...none].map((each) => [each.name, each.name ? `${each.name} (${each.kind})` : each.kind]),
+      words.sources.map((each) => [each.name, `${each.name} (${each.kind})`]),
       words.chosen,
     );
     options(
@@ -232,6 +258,11 @@ export class Scope implements Room {
       this.of_time,
       words.fields.filter((field) => field.name !== "edge" && !OF_TRIGGER.includes(field.name)),
     );
+    // the example is an example only until something runs
+    this.nothing.hidden = !words.example;
+    this.work.hidden = Boolean(words.example);
+    this.follow.classList.toggle("main", !words.example);
+    if (words.example) this.badged(words.example);
     text(this.hint, words.hint);
     this.arm.disabled = !words.trigger;
     this.listed(words.channels);
@@ -294,14 +325,14 @@ export class Scope implements Room {
       for (const part of [drawn, stated, unit]) part.addEventListener("change", set);
       return [drawn, each.name, each.states ? each.unit : stated, each.units.length ? unit : ""];
     });
-    this.channels.replaceChildren(...(rows.length ? [table(["shown", "channel", "unit", "shown in"], rows)] : []));
+    this.channels.replaceChildren(...(rows.length ? [table(TEXT.heads, rows)] : []));
     if (focus.startsWith("scope-")) document.getElementById(focus)?.focus();
   }
 
   // What changes with every picture.
   private stands(words: Words): void {
     const again = words.following && this.source.value === words.chosen;
-    text(this.follow, again ? "Stop" : "Follow");
+    text(this.follow, again ? TEXT.stop : TEXT.start);
     this.follow.disabled = !this.source.value;
     const rate = words.following && words.rate ? `, ${words.rate.toFixed(0)} rows/s` : "";
     text(this.state, words.failed || !words.state ? "" : `${words.state}${rate}`);
@@ -309,7 +340,7 @@ export class Scope implements Room {
     this.trouble.hidden = !words.failed;
     text(this.trouble, words.failed ? words.state : "");
     text(this.looking, words.look);
-    text(this.hold, words.held ? "Go on" : "Pause");
+    text(this.hold, words.held ? TEXT.go_on : TEXT.hold);
     this.off.disabled = this.between.disabled = !words.cursors;
     const [low, high] = words.span ?? [0, 0];
     this.sliders.forEach((slider, i) => {
@@ -348,6 +379,8 @@ export class Scope implements Room {
   }
 
   private draw(): void {
+    const example = this.last?.said.charts.example;
+    if (example && this.visible()) this.shows.draw(example, this.last!.numbers, look());
     const chart = this.last?.said.charts.scope;
     this.picture.element.hidden = this.cursors.hidden = !chart;
     if (!chart || !this.visible()) return;

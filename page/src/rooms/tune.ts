@@ -137,12 +137,16 @@ export class Tune implements Room {
       ),
       button(
         "Import a machine or a measured response",
-        () => document.dispatchEvent(new CustomEvent("go", { detail: "bring" })),
+        () => document.dispatchEvent(new CustomEvent("go", { detail: "import" })),
         { class: "main" },
       ),
     );
     this.element.append(this.hint, this.strip.element, this.strip.popup, say, this.figures, side, work);
     document.addEventListener("keydown", (event) => this.key(event));
+    // another view names a frequency: it is pointed at once the pictures of now are drawn
+    document.addEventListener("frequency", (event) => {
+      setTimeout(() => this.point((event as CustomEvent<number>).detail), REST);
+    });
     whenPainted(() => this.draw());
   }
 
@@ -223,11 +227,8 @@ export class Tune implements Room {
   }
 
   // The limits are those of Optimize: they are set there, and shown here.
-  private limit({ option, key }: Gauge, bound: string): void {
-    const value = Number(bound.replace(",", "."));
-    if (key.startsWith("stiffness") && bound !== "" && Number.isFinite(value))
-      this.ask({ do: "goal.level", field: option, value });
-    else this.ask({ do: "goal.set", field: option, value: bound });
+  private limit({ option }: Gauge, bound: string): void {
+    this.ask({ do: "optimize.set", field: option, value: bound });
     this.ask({ do: "tune.show" });
   }
 

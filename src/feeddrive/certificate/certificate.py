@@ -308,7 +308,8 @@ def together(readings: Sequence[Sequence[tuple[float, float]]]) -> list[dict[str
 class Certificate(Result):
     """A proof that a controller robustly stabilizes a list of plants; `document` contains the proof as plain values.
 
-    It is created by `certify_loop` or read from a file; in both cases the checker has accepted it.
+    It is created by `certify_loop` or read from a file; in both cases the checker has accepted it. The draft of a
+    `NotCertifiedError` is one that the checker refuses.
     """
 
     document: Mapping[str, Any]
@@ -392,8 +393,8 @@ class Certificate(Result):
         if self.reserve is not None:
             least = min((plant for plant in plants if plant["reserve"] is not None), key=lambda plant: plant["reserve"])
             room = Text(
-                f"; the least room is at {Quantity(least['reserve_at_Hz'], 'Hz'):3}, where the disc of "
-                f"'{least['name']}' could be {Quantity(self.reserve):2} times as wide"
+                f"; the room is {Quantity(self.reserve):2} × what is needed, least at "
+                f"{Quantity(least['reserve_at_Hz'], 'Hz'):3} with '{least['name']}'"
             )
         return Text(f"stable for {count}, with {self.arithmetic} coefficients{room}")
 

@@ -242,13 +242,16 @@ def certify_loop(
     }
     also: list[float] = []
     while True:
-        rows = [_certified(controller, plant, radius, beyond, sure, also) for plant in nominal]
-        certificate = Certificate.of({**document, "plants": rows})
+        tried = [_tried(controller, plant, radius, beyond, sure, also) for plant in nominal]
+        certificate = Certificate.of({**document, "plants": [row for row, _ in tried]})
+        refused = next((reason for _, reason in tried if reason), "")
+        if refused:
+            raise NotCertifiedError(refused, certificate)
         try:
             certificate.accepted()
         except check.RefusedError as error:
             if not error.frequency or len(also) == _ROUNDS:
-                raise NotCertifiedError(f"not certified: {error}") from None
+                raise NotCertifiedError(f"not certified: {error}", certificate) from None
             # the checker found a peak between the lines of the search, which is then searched there, too
             also.append(error.frequency)
         else:
@@ -283,13 +286,15 @@ def _plant(
     return modelled_plant(name, axis, control, T, readings, velocity)
 
 
-def _certified(
+def _tried(
     controller: Deployed, plant: NominalPlant, radius: Radius | None, beyond: float, sure: float, also: Sequence[float]
-) -> dict[str, Any]:
-    """Return the certificate entry of a plant; the margin is searched on a finer grid near the frequencies `also`, Hz.
+) -> tuple[dict[str, Any], str]:
+    """Return the certificate entry of a plant, and why it is refused: a disc is too wide; empty if none is.
 
-    Raises NotCertifiedError if the nominal loop is unstable or a disc is too wide, and ParameterError for a radius or
-    responses that do not fit the plant.
+    The margin is searched on a finer grid near the frequencies `also`, Hz.
+
+    Raises NotCertifiedError if the nominal loop is unstable, and ParameterError for a radius or responses that do not
+    fit the plant.
     """
     T = controller.model.sample_time
     nyquist = 0.5 / T
@@ -311,10 +316,9 @@ def _certified(
     if loop.growth >= 1.0:
         raise NotCertifiedError(refusal(controller, plant, loop, None))
     reserve, place = loop.reserve(also)
-    if reserve <= 1.0:
-        raise NotCertifiedError(refusal(controller, plant, loop, place))
+    reason = refusal(controller, plant, loop, place) if reserve <= 1.0 else ""
     discs = "each" if len(steps) > 1 or len(plant.model.outputs) == 1 else "one"
-    return {
+    entry = {
         "name": plant.name,
         "source": plant.source,
         "dead_time_s": plant.dead_time,
@@ -331,6 +335,7 @@ def _certified(
         "reserve": reserve if reserve < _MOST else None,
         "reserve_at_Hz": place,
     }
+    return entry, reason
 
 
 def _same(model: StateSpace) -> bool:

@@ -103,9 +103,16 @@ class UnstableError(FeeddriveError):
 
 
 class NotCertifiedError(FeeddriveError):
-    """A loop that cannot be certified; the message gives the frequency, the size of the violation and the remedy."""
+    """A loop that cannot be certified; the message gives the frequency, the size of the violation and the remedy.
+
+    draft  what was tried, as a `Certificate` that the checker refuses: for pictures; None if there is nothing to draw
+    """
 
     exit_code = 1
+
+    def __init__(self, message: str, draft: object = None) -> None:
+        super().__init__(message)
+        self.draft = draft
 
 
 class BusError(FeeddriveError):

@@ -274,10 +274,10 @@ _REACH = (-2.4, 1.2, -1.9, 1.7)  # left, right, low, high of the picture of disc
 
 
 def certificate_chart(certificate: Certificate) -> Chart:
-    """Plot |1 + L|/|L| of each plant and the certified radius, the plants with the smallest margin first.
+    """Plot the error of the model that would reach instability, |1 + L|/|L|, and the certified one, in %.
 
-    For a multirate controller, 1/Σ|H| is plotted instead: the sum covers the responses of the force to a sine of 1 N at
-    its own frequency and at the image frequencies.
+    Each plant has a panel, those with the smallest margin first. For a multirate controller, 1/Σ|H| is plotted instead:
+    the sum covers the responses of the force to a sine of 1 N at its own frequency and at the image frequencies.
     """
     # A plant without discs has no reserve, and is the last to be shown.
     plants = sorted(certificate.document["plants"], key=lambda plant: plant["reserve"] or np.inf)[:_MOST]
@@ -299,27 +299,27 @@ def _room(certificate: Certificate, plant: Any, low: float, *, named: bool, firs
     f = f[f >= low]
     distance, taken = loop.room(f)
     size = loop.size(f)
-    near, radius = distance / size, taken / size
+    near, radius = 100.0 * distance / size, 100.0 * taken / size
     least = float(np.min(near))
     floor = max(0.5 * min(least, float(np.min(radius)) or 1.0), 1e-3 * least)
-    names = ("1/Σ|H|" if certificate.two_rates else "|1 + L|/|L|", "radius r of the discs") if first else ("", "")
+    names = ("error that would reach instability", "what the model may be wrong by") if first else ("", "")
     curves = [Curve(f, near, names[0], 0), Curve(f, radius, names[1], 1)]
     curves += [Curve(np.array(band), np.full(2, 1.08 * floor), number=2, look=chart.BAR) for band in _measured(plant)]
     marks, caption = list[Mark](), "no disc"
     if plant["reserve"] is not None:
         place = np.array([plant["reserve_at_Hz"]])
-        marks.append(Mark(float(place[0]), float((loop.room(place)[0] / loop.size(place))[0]), 0))
+        marks.append(Mark(float(place[0]), 100.0 * float((loop.room(place)[0] / loop.size(place))[0]), 0))
         caption = Text(
-            f"discs could be {Quantity(plant['reserve']):3} times as wide, at {Quantity(plant['reserve_at_Hz'], 'Hz')}"
+            f"{Quantity(plant['reserve']):3} × the room that is needed, at {Quantity(plant['reserve_at_Hz'], 'Hz'):3}"
         )
     return Panel(
-        "relative size",
+        "error of the model (%)",
         tuple(curves),
         tuple(marks),
         bands=(Band(f, np.full(f.size, floor), radius, 1),),
         scale=chart.LOG,
         low=floor,
-        high=30.0 * max(1.0, least),
+        high=30.0 * max(100.0, least),
         caption=Text(f"{plant['name']}: {caption}") if named else caption,
     )
 

@@ -106,7 +106,7 @@ class Bench:
         """Return the loop. Raise ParameterError with a remedy for measured responses if there is no machine."""
         if self.loop is None:
             raise ParameterError(
-                "a measured response alone moves no axis: bring today's machine file too, or identify one from it"
+                "a measured response alone moves no axis: import today's machine file too, or identify one from it"
             )
         return self.loop
 

@@ -231,7 +231,7 @@ class Desk:
     base      machine file into which the current controller is written
     written   controller in that file
     off       filters that were taken out of the loop, and may be put back
-    limits    limits by which the loop is judged, as set in the tab Goal
+    limits    limits by which the loop is judged, as set in the tab Optimize
     programs  uploaded part programs by name
     live      sources that may be followed while they are recorded
     drives    drive files whose drives the page may move, as named on the command line
@@ -291,7 +291,7 @@ class Desk:
     def needed(self) -> Bench:
         """The bench. Raises ParameterError if no source has been opened."""
         if self.bench is None:
-            raise ParameterError("there is no axis yet: bring a machine file, a log or a frequency response first")
+            raise ParameterError("there is no axis yet: import a machine file, a log or a frequency response first")
         return self.bench
 
     def change(self, wanted: Mapping[str, float], *, begins: bool = True) -> None:

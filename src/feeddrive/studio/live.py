@@ -6,11 +6,16 @@ import time
 import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
-from feeddrive.analysis.oscilloscope import LiveSource, Oscilloscope
+import numpy as np
+
+from feeddrive.analysis.oscilloscope import LiveSource, Oscilloscope, Rows
+from feeddrive.analysis.replay import path_of
 from feeddrive.files.growing import Pipe
 from feeddrive.language.errors import FeeddriveError, ParameterError
+from feeddrive.loop.simulate import simulate
 from feeddrive.studio.jobs import fault
 from feeddrive.workflow.follow import PIPE, opened
 
@@ -21,6 +26,11 @@ _MANY = 50  # files of the folder that are offered, the newest
 _TABLES = (".csv", ".txt", ".tsv", ".dat", ".log", ".asc", "")
 # weak references: a follower that has ended may go with its page
 _GOING = weakref.WeakSet["Following"]()  # of all pages
+EXAMPLE = "example"
+"""The name of the bundled source."""
+OF_EXAMPLE = "ball screw, simulated"
+_CHANNELS = {"set position": "m", "actual position": "m", "following error": "m", "drive force": "N"}
+_RATE = 1000.0  # rows a second that the example gives
 _FILE, _DRIVE, _OF_PIPE = "table that grows", "drive, sampled and not moved", "pipe"
 
 
@@ -49,7 +59,7 @@ class Followable:
     def hint(self) -> str:
         """A sentence on how to add another source."""
         where = "" if self._folder is None else f", or write a table into {self._folder}"
-        return f"Others: name them with --follow when feeddrive studio is started{where}."
+        return f"Others: name files or drives to follow when feeddrive studio is started{where}."
 
     def offered(self) -> dict[str, Offered]:
         """Return all sources by name."""
@@ -68,11 +78,58 @@ class Followable:
 
     def open(self, name: str, sample_time: float | None, time_unit: str | None) -> LiveSource:
         """Open a source by name. Raises ParameterError for an unknown source, and the errors of `opened`."""
+        if name == EXAMPLE:
+            return Playback()
         source = self.offered().get(name)
         if source is None:
             raise ParameterError(f"{name!r:.80} may not be followed. {self.hint}")
         pipe = self.pipe if source.kind == _OF_PIPE else None
         return opened(source.path, pipe, sample_time=sample_time, time_unit=time_unit, inside=source.inside)
+
+
+class Playback:
+    """The bundled source: strokes of the axis of the tour, simulated and played in real time, over and over.
+
+    ahead  s that have passed when it begins
+    """
+
+    name = EXAMPLE
+    clock = "s"
+    over = False
+    channels: Mapping[str, str] = _CHANNELS
+
+    def __init__(self, ahead: float = 0.0) -> None:
+        self._begun, self._given = time.monotonic() - ahead, 0
+
+    def take(self) -> Rows:
+        """Return the rows of the time that has passed since the last call."""
+        rows = _strokes()
+        to = int(_RATE * (time.monotonic() - self._begun))
+        # a server that slept for a while has nothing new to show but the last stroke
+        numbers = np.arange(max(self._given, to - len(rows)), to)
+        self._given = max(self._given, to)
+        return Rows(numbers / _RATE, rows[numbers % len(rows)])
+
+    def state(self) -> str:
+        """Return what is played."""
+        return f"plays the bundled example: {OF_EXAMPLE}"
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+@cache
+def _strokes() -> np.ndarray:
+    """Return the signals of the tour's axis, by row, in the units of `_CHANNELS`."""
+    from feeddrive.workflow.tour import SEED, axis, strokes
+
+    loop = axis()
+    T = float(loop.sample_time)
+    run = simulate(loop, path_of(loop.control, strokes(T), T), seed=SEED, name=EXAMPLE)
+    step = round(1.0 / (_RATE * T))
+    # to a picometer and a millinewton: further digits are rounding
+    signals = {"set_position": 12, "position_load": 12, "following_error": 12, "force": 3}
+    return np.column_stack([np.round(run[name][::step], digits) for name, digits in signals.items()])
 
 
 def _table(entry: os.DirEntry[str]) -> bool:

@@ -39,6 +39,7 @@ from feeddrive.studio.jobs import DONE, Found, Job, JobState, Work, fault
 from feeddrive.studio.live import Followable
 from feeddrive.studio.protection import App, Door, Protected
 from feeddrive.studio.rooms import ROOMS
+from feeddrive.studio.rooms.optimize import WORDS
 from feeddrive.studio.rooms.tour import Tour
 from feeddrive.studio.uploads import keep, place_of, safe_name
 
@@ -204,19 +205,22 @@ def _in_plane(
 
 # labels of fields on the page, by the options that errors of the commands name
 FIELDS = {
-    "--sample-time": "Sample time",
+    "--sample-time": "Sampling rate",
     "--baseline": "Today's machine",
     "--unit": "Unit",
     "--delay": "Dead time",
-    "--machine": "Machine file to start from",
-    "--lead": "Lead of the screw",
+    "--machine": "Known machine",
+    "--lead": "Screw pitch",
     "--load": "Response of the table",
     "--motor": "Response of the motor's encoder",
-    "--force-constant": "N per unit of the command",
+    "--force-constant": "One unit of the command =",
     "--rated": "Rated value",
     "--at-full": "gives",
     "--torque-constant": "constant",
     "--motor-constant": "constant",
+    "--force": "Drive force",
+    "--command": "Command to the drive",
+    **{f"--{name.replace('_', '-')}": label for name, (label, _) in WORDS.items()},
 }
 Push = Callable[[str, bytes], None]
 # zoomed ranges of x: labels come from the page, and without an end they would fill the memory
@@ -256,7 +260,7 @@ class Session:
         if bench is not None:
             self.desk.put(bench)
         if tour:
-            self.answer({"do": "bring.tour"})
+            self.answer({"do": "import.tour"})
 
     def answer(self, asked: Mapping[str, Any], page: object = None) -> bytes:
         """Return the message that responds to a request from the page: the response of its tab, or the error.
@@ -412,6 +416,7 @@ class Session:
         folder = self.desk.folder
         between = re.escape(os.sep)
         text = re.sub(rf"{re.escape(str(folder))}{between}(brought{between}(\d+{between})?)?", "", text)
+        text = text.replace("name it with --", "choose which column it is, as --")
         # a command to be entered in a terminal keeps its options
         if "feeddrive " in text:
             return text

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feeddrive.figures.of_loops import SENSITIVITY_PEAK, STIFFNESS_LEAST
+from feeddrive.figures.of_loops import ROPE_SNAP, SENSITIVITY_PEAK, STIFFNESS_AT, STIFFNESS_LEAST
+from feeddrive.figures.of_runs import TRACKING_RMS
 from feeddrive.language.errors import sentence
 from feeddrive.language.progress import Progress
-from feeddrive.language.quantity import DRAWN, Quantity
+from feeddrive.language.quantity import DRAWN, Quantity, Units
 from feeddrive.language.table import drawn_in
 from feeddrive.language.text import Text, resolve
 from feeddrive.plot.chart import Chart
@@ -21,6 +22,7 @@ from feeddrive.studio.jobs import perform
 
 if TYPE_CHECKING:
     from feeddrive.analysis.friction_map import FrictionMap
+    from feeddrive.figures.figure import Figure
     from feeddrive.loop.control import Control
     from feeddrive.loop.loop import Loop
     from feeddrive.machining.circle_test import CircleTest
@@ -35,6 +37,9 @@ if TYPE_CHECKING:
     from feeddrive.workflow.tour import TourRequest
     from feeddrive.workflow.tune import TuneRequest
 
+_OF_ROWS = (ROPE_SNAP, TRACKING_RMS, STIFFNESS_AT[0], SENSITIVITY_PEAK)  # figures in the row of a law
+# numbers of finished laws after which rows are shown: each time all of them run once more, which takes seconds a law
+_ROWS = (1, 2, 3, 4, 8, 16)
 _PEAKS = 8  # quadrant peaks of circles that can be looked at
 # degrees on both sides of a quadrant peak: its reversal is in view, and no other one
 _TURN = 12.0
@@ -206,10 +211,24 @@ def circle_shown(latest: Shown, before: CircleTest | None) -> Shown:
     return replace(latest, words={**latest.words, "peaks": peaks}, charts={**latest.charts, **charts})
 
 
-def compared(request: CompareRequest, progress: Progress) -> Shown:
-    """Compare laws at equal robustness; return trade-off, table, and the controller of each law."""
+def compared(request: CompareRequest, names: Sequence[str], progress: Progress) -> Shown:
+    """Compare laws at equal robustness, and report a comparison of those that are finished meanwhile.
+
+    names  the laws in the order in which they are tuned; `request` compares all of them
+    """
+    for count in (count for count in _ROWS if count < len(names)):
+        # laws that are finished are kept, so that only those that are new are tuned here
+        some = replace(request, law=tuple(names[:count]))
+        found = _compared(some, progress.named(names[count - 1]).quiet())
+        progress.better(-count, found)
+    return _compared(request, progress)
+
+
+def _compared(request: CompareRequest, progress: Progress) -> Shown:
+    """Return trade-off, table, and the controller of each law."""
     outcome = perform("compare", request, progress)
     comparison = outcome.result
+    units = replace(outcome.units, typographic=True)
     chart = comparison.chart()
     drawn = {mark.key for panel in chart.panels for mark in panel.marks}
     laws = [
@@ -218,13 +237,19 @@ def compared(request: CompareRequest, progress: Progress) -> Shown:
             "why": competitor.unplaced,
             "held": competitor.held_by,
             "drawn": competitor.name in drawn,
+            "figures": [_figure(figure, competitor.figures.get(figure.key), units) for figure in _OF_ROWS],
         }
         for competitor in comparison.competitors
     ]
     page = shown(outcome, ("ratios", "recovery"))
-    words = {**page.words, "laws": laws, "seed": comparison.seed}
+    heads = [resolve(figure.column().named(), units) for figure in _OF_ROWS]
+    words = {**page.words, "laws": laws, "heads": heads, "seed": comparison.seed}
     controls = {competitor.name: competitor.loop.control for competitor in comparison.competitors}
     return Shown(words, {**page.charts, **_drawn({"tradeoff": chart}, outcome)}, controls)
+
+
+def _figure(figure: Figure, value: float | None, units: Units) -> str:
+    return "" if value is None else resolve(figure.bare(value), units)
 
 
 def exported(request: ExportRequest, progress: Progress) -> Shown:

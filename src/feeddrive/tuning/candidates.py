@@ -29,6 +29,38 @@ from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 
 PLAIN = CascadePPI.title  # the reference law of the comparison
+LIKELIEST = (
+    "P-PI as the reference, and the three laws with the least rope-snap error in the benchmark on axes with as many "
+    "encoders, of those that can control this axis"
+)
+"""The rule by which `likeliest` chooses."""
+# laws by their rope-snap error at equal robustness, the least first, by the number of encoders: the tables of
+# docs/benchmark.md, with which a test compares them
+STANDING = {
+    1: (
+        "P-PI + GPI recovery",
+        "P-PI + Kalman recovery",
+        "GPI, 1 Taylor state",
+        "LQG",
+        "GPI, 3 Taylor states",
+        "P-PI + recovery",
+        "super-twisting",
+        "P-PI + DOB",
+        "P-P + DOB",
+    ),
+    2: (
+        "pole placement",
+        "P-PI + GPI recovery",
+        "P-PI + Kalman recovery",
+        "GPI, 1 Taylor state",
+        "P-PI + recovery",
+        "GPI, 3 Taylor states",
+        "super-twisting",
+        "P-PI + DOB",
+        "P-P + DOB",
+    ),
+}
+_LIKELY = 4  # laws that are compared first
 _MOTION = ("acceleration", "velocity")
 ON_THE_MACHINE = ("trials", "stops")  # steps after the tuning in which a law learns from motions of its machine
 _TRIALS = 6  # number of trials in which a compensator learns
@@ -143,6 +175,12 @@ def candidates(loop: Loop, own: Sequence[type[Law]] = ()) -> tuple[tuple[Candida
                 if not wanted or combined.name in wanted:
                     (offered if isinstance(combined, Candidate) else refused).append(combined)  # type: ignore[arg-type]
     return tuple(offered), tuple(refused)
+
+
+def likeliest(loop: Loop, possible: Sequence[Candidate]) -> tuple[str, ...]:
+    """Return the names of the laws to compare first on the axis of a loop, by the rule `LIKELIEST`."""
+    known = {law.name for law in possible}
+    return tuple(name for name in (PLAIN, *STANDING[loop.axis.encoders()]) if name in known)[:_LIKELY]
 
 
 def names_of(law: str | type[Law], possible: Sequence[Candidate], refused: Sequence[Refusal]) -> list[str]:

@@ -394,7 +394,7 @@ def _pictures(certificate: Certificate) -> Iterator[Picture]:
     )
     yield Picture(
         "margin",
-        "Margin against the discs",
+        "Room at each frequency",
         Text(
             f"Proven: the blue curve, {above}, lies above the dashed orange one, the radius of the discs, at every "
             f"frequency; shaded orange is what the discs take.{least}{seen}"
@@ -407,7 +407,7 @@ def _pictures(certificate: Certificate) -> Iterator[Picture]:
         return
     yield Picture(
         "discs",
-        "Discs in the complex plane",
+        "Where L may lie",
         "Every loop gain L that a plant in the discs can have lies in the shaded area; -1, the red cross, does not.",
         "Nyquist plot of the loop gain with the discs around it, near -1.",
         lambda: plot.certificate_discs_chart(certificate),

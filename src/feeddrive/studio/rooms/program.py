@@ -35,7 +35,7 @@ from feeddrive.studio.part_program import (
     read_text,
     tool_drawn,
 )
-from feeddrive.studio.rooms.take import law_lines, whole
+from feeddrive.studio.rooms.export import law_lines, whole
 from feeddrive.workflow.plan import PlanRequest
 from feeddrive.workflow.run_job import RunRequest
 from feeddrive.workflow.setpath import SetpathRequest

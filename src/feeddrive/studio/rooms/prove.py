@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, act, free_name
-from feeddrive.studio.works import Shown, circle_shown, circled, reported
+from feeddrive.studio.stability import example, proven
+from feeddrive.studio.works import Shown, circle_shown, circled
 from feeddrive.workflow.certify import CertifyRequest
 from feeddrive.workflow.circle import CircleRequest
+
+_MOST_ERROR = 500.0  # %; a plant with twice the gain is already 100 % away
+_ERROR = 0.2  # share by which a model may be wrong, unless a person says otherwise
 
 
 class Prove(Room):
@@ -25,6 +31,7 @@ class Prove(Room):
         """Discard the results of the previous axis."""
         self.shown: dict[str, tuple[Held, Shown]] = {}
         self.circles: tuple[tuple[Held, Shown], ...] = ()  # that of another control before, and the latest
+        self.error = _ERROR
 
     def show(self) -> Said:
         """Return the available proofs and the results."""
@@ -33,25 +40,45 @@ class Prove(Room):
         words = {
             "ready": bool(axes),
             "axes": axes,
+            "model_error": 100.0 * self.error,
             "shown": {name: self.desk.said_of(held, result.words) for name, (held, result) in self.shown.items()},
         }
         charts = {f"{name}.{key}": chart for name, (_, of) in self.shown.items() for key, chart in of.charts.items()}
+        if "certificate" not in self.shown:
+            words["example"], pictures = example()
+            charts |= {f"example.{key}": chart for key, chart in pictures.items()}
         return Said(words, charts)
 
     @act
-    def certify(self, _: Asked) -> None:
-        """Prove robust stability of the loop for plants around the model."""
+    def certify(self, asked: Asked) -> None:
+        """Prove that the loop is stable for all plants around the model, which may be wrong by `model_error` %."""
         bench = self.desk.needed
-        bench.needed_loop()
-        request = CertifyRequest(self.desk.machine_path(), axis=bench.axis, out=self.desk.folder / "certificate")
+        loop = bench.needed_loop()
+        error = asked.number_or_none("model_error")
+        if error is not None and not 0.0 < error <= _MOST_ERROR:
+            raise ParameterError(
+                f"the model may be wrong by more than 0 and at most {_MOST_ERROR:g} %, not by {error:.4g} %"
+            )
+        self.error = self.error if error is None else units.rounded(0.01 * error, 6)
+        request = CertifyRequest(
+            self.desk.machine_path(),
+            axis=bench.axis,
+            radius=None if self.error == _ERROR else self.error,
+            out=self.desk.folder / "certificate",
+        )
         # the control may change while the job runs: the result belongs to the one at its start
         held = self.desk.held()
 
+        # the axis as it is tuned, and with the gains that it had
+        controls = {"Now": held.control, "Today": bench.before.start}
+        loops = {name: replace(loop, control=control) for name, control in controls.items()}
+
         def then(shown: Shown) -> None:
-            self.desk.did("certify", request, held.control)
+            if shown.words["proof"]["proven"]:
+                self.desk.did("certify", request, held.control)
             self._put("certificate", held, shown)
 
-        self.desk.start(self.name, "certify", partial(reported, "certify", request), then)
+        self.desk.start(self.name, "prove stability", partial(proven, request, loops), then)
 
     @act
     def circle(self, asked: Asked) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from feeddrive.plot.chart import Chart
 from feeddrive.plot.over_time import Channel, Ranges, scope_chart
 from feeddrive.plot.style import written
 from feeddrive.studio.desk import Asked, Desk, Room, Said, act
-from feeddrive.studio.live import Following
+from feeddrive.studio.live import EXAMPLE, OF_EXAMPLE, Following, Playback
 from feeddrive.workflow.command import Field, fields_of
 from feeddrive.workflow.follow import FollowRequest, between, window_log
 
@@ -35,6 +36,7 @@ _OF_WINDOW = ("window", "hold")
 _SAMPLES = 500.0  # of a window of a source without a clock, unless somebody chooses
 _FEW = 4  # channels that are shown at first
 _MOST = 8  # at once
+_STROKES = 2.4  # s, all strokes of the bundled source
 _FINE = {"error", "err", "ferror", "lag", "deviation"}  # words of lengths that are shown in um, and not in mm
 _UNITS = (
     "nm",
@@ -70,6 +72,21 @@ _UNITS = (
 )
 
 
+@cache
+def _example() -> Chart:
+    """Return the picture of the bundled source, as it looks once it has run for a while."""
+    scope = Oscilloscope(_STROKES)
+    scope.feed(Playback(_STROKES))
+    shown = scope.shown()
+    assert shown is not None
+    units_of = {"set position": ("mm", 1e3), "actual position": ("mm", 1e3), "following error": ("um", 1e6)}
+    drawn = [
+        Channel(name, place, *units_of.get(name, (unit, 1.0)))
+        for place, (name, unit) in enumerate(shown.channels.items())
+    ]
+    return scope_chart(shown, drawn, shown.clock)[0]
+
+
 class Scope(Room):
     """The page for the oscilloscope: a live source and its display."""
 
@@ -97,11 +114,16 @@ class Scope(Room):
         """Return the sources, the settings, the channels, and the current window."""
         frame = self._frame()
         channels = self._units()
+        empty = self.following is None and not frame.charts
         return Said(
             {
                 **frame.words,
                 "live": False,
-                "sources": [{"name": name, "kind": source.kind} for name, source in self.desk.live.offered().items()],
+                "sources": [
+                    *({"name": name, "kind": source.kind} for name, source in self.desk.live.offered().items()),
+                    {"name": EXAMPLE, "kind": f"bundled: {OF_EXAMPLE}"},
+                ],
+                "example": OF_EXAMPLE if empty else "",
                 "hint": self.desk.live.hint,
                 "chosen": self.chosen,
                 "fields": [self._field(name) for name in _SHOWN],
@@ -111,7 +133,7 @@ class Scope(Room):
                 "saved": self.saved,
                 "channels": [self._channel(name) for name in channels],
             },
-            frame.charts,
+            {"example": _example()} if empty else frame.charts,
         )
 
     @act
@@ -250,7 +272,7 @@ class Scope(Room):
         write_log(folder / name, log)
         self.desk.files[name] = folder / name
         self.saved = name
-        return Said({**self.show().words, "bring": name})
+        return Said({**self.show().words, "import": name})
 
     def _lock(self) -> Any:
         from contextlib import nullcontext
@@ -376,19 +398,19 @@ class Scope(Room):
         # the first sentence that applies: whatever prevents a window comes before the state of the trigger
         waits, count = self.scope.waits, self.scope.count
         if self.held is not None:
-            return "paused: the picture stands, recording goes on"
+            return "held: the picture stands still, recording goes on"
         if self.scope.lack:
             return self.scope.lack
         if self.scope.clock != "s":
             return "the source has no clock: give the sample time; until then window and cursors count samples"
         if shown is None:
             if self.following is None:
-                return "nothing is followed yet: choose a source, and press Follow"
+                return "Nothing is recorded yet: choose a source and press Start."
             return "waits for the trigger" if self.trigger and waits else "nothing to show yet"
         if not self.trigger:
-            return "runs by: choose a channel for the trigger to let it stand"
+            return "free running: choose a trigger channel to hold it still"
         if not shown.triggered:
-            return "waits for the trigger, and runs by meanwhile"
+            return "free running until the trigger fires"
         if [*shown.channels.items()] != [*self.scope.channels.items()]:
             return "the source has other channels now; what is shown was recorded before"
         if not shown.whole and shown is self.scope.caught:

@@ -34,14 +34,14 @@ STEPS = (
         "A log",
         "This log of three strokes was simulated from the bundled ball screw, with a workpiece on the table of which "
         "the machine file knows nothing. Look at what each column was taken for and why, and press Next.",
-        "bring",
+        "import",
         ("columns-of-log", "tour-next"),
     ),
     Step(
         "Identify",
-        "The machine file to start from states the control that ran; ball screw (bundled) is chosen already. Press "
-        "Identify, which takes about ten seconds.",
-        "bring",
+        "The known machine has the gains that ran; ball screw (bundled) is chosen already. Press Identify axis, which "
+        "takes about ten seconds.",
+        "import",
         ("identify",),
         command="identify",
     ),
@@ -49,33 +49,33 @@ STEPS = (
         "Model over measurement",
         "The picture lays the model over the log, and mass_load shows that the workpiece of 12 kg was found on top of "
         "the 33 kg of the file. Press Tune this axis.",
-        "bring",
+        "import",
         ("take-identified",),
-        act="bring.take",
+        act="import.take",
     ),
     Step(
         "Today's control",
         "The sentence above the pictures says that Ms, the peak of the sensitivity, breaks its limit with this "
         "workpiece; drag a slider, see all pictures follow, and press Undo. Then open Optimize.",
         "tune",
-        ("tab-goal",),
-        act="goal.show",
+        ("tab-optimize",),
+        act="optimize.show",
     ),
     Step(
         "A goal",
-        "So that the axis does not become softer, write 0.16 into Largest compliance, or drag the line of the dynamic "
-        "stiffness up to about 6.25 N/um. Then press Start, and watch the search.",
-        "goal",
-        ("goal-field-max_compliance", "tune-start"),
+        "So that the axis does not become softer, write 6.25 into Least stiffness, or drag the line of the dynamic "
+        "stiffness up to there. Then press Start, and watch the search.",
+        "optimize",
+        ("optimize-field-max_compliance", "tune-start"),
         command="tune",
     ),
     Step(
         "What was found",
-        "The sentence below the buttons says what gets worse first, and each picture has today's control beside what "
-        "was found. Press Use result to go on with it.",
-        "goal",
-        ("goal-accept",),
-        act="goal.accept",
+        "The sentence at the top says what gets worse first, and each picture has today's control beside what was "
+        "found. Press Use result to go on with it.",
+        "optimize",
+        ("optimize-accept",),
+        act="optimize.accept",
     ),
     Step(
         "Before and after",
@@ -87,31 +87,32 @@ STEPS = (
     ),
     Step(
         "A proof",
-        "A certificate proves the loop stable for each plant in a disc around the model. Press Prove stability.",
+        "A certificate proves the loop stable for each plant in a disc around the model. Press Prove this loop.",
         "prove",
         ("prove-certify",),
         command="certify",
     ),
     Step(
         "What is proven",
-        "Read below the pictures what was proven, and what is outside of it. Then open Export.",
+        "Proven or not stands at the top, with the distance; read below the pictures what the proof covers and what it "
+        "does not. Then open Export.",
         "prove",
-        ("tab-take",),
-        act="take.show",
+        ("tab-export",),
+        act="export.show",
     ),
     Step(
         "Export",
-        "Each target gets a control that equals the simulation in every bit. Press Export: c.",
-        "take",
-        ("take-export-c",),
+        "Each target gets a control that equals the simulation in every bit. Press C source.",
+        "export",
+        ("export-target-c",),
         command="export",
     ),
     Step(
         "Your control",
         "Download the archive, in which the control stands in C with a test; below it the whole tour stands as "
-        "commands, as Python and as a job. Press End, and bring a log of your own.",
-        "take",
-        ("take-archive-c", "tour-next"),
+        "commands, as Python and as a job. Press End, and import a log of your own.",
+        "export",
+        ("export-archive-c", "tour-next"),
     ),
 )
 
@@ -147,7 +148,7 @@ class Tour(Room):
 
     def heard(self, act: str) -> None:
         """Handle an action of the page: start the tour, or complete a step."""
-        if act == "bring.tour":
+        if act == "import.tour":
             self._go(0)
         elif self.at is not None and STEPS[self.at].act == act:
             self._go(self.at + 1)

@@ -9,6 +9,13 @@ import type { Received } from "../wire";
 import { Check, type Checked } from "./check";
 import { ColumnTable, type Column } from "./columns";
 
+// Fields in the units of the trade: the name in the request, and the value there, in SI.
+const SI: Record<string, [string, (value: number) => number]> = {
+  pitch: ["lead", (value) => Number((1e-3 * value).toPrecision(12))],
+  rate: ["sample_time", (value) => 1 / value],
+  delay: ["delay", (value) => Number((1e-3 * value).toPrecision(12))],
+};
+
 interface Brought {
   name: string;
   kind: string;
@@ -37,20 +44,55 @@ interface Words {
   go?: string;
 }
 
-export class Bring implements Room {
-  readonly name = "bring";
+// The words of this view; what was understood of a file comes from the server.
+const TEXT = {
+  title: "Start from what you have.",
+  drop: "Drop a log, a frequency response, a machine or a part program.",
+  choose: "Choose files",
+  examples: "Example machines",
+  tour: "Tour: your axis in ten minutes",
+  tour_line: "from a simulated log to an exported control",
+  identify: "Identify axis",
+  identify_model: "Identify a model",
+  measure: "Measure frequency response (FRF)",
+  tune_frf: "Tune on measured FRF",
+  tune: "Tune this axis",
+  known: "Known machine",
+  today: "Today's machine",
+  gains: "Gains that ran, if no known machine has them",
+  more: "If the file does not say it",
+  pitch: "Screw pitch, for angles",
+  rotary: " The axis itself turns, without a screw",
+  unit_force: "One unit of the command =",
+  rate: "Sampling rate, without a clock",
+  rate_control: "Sampling rate of the control",
+  unit: "Unit, if the file states none",
+  delay: "Dead time that it does not hold",
+  result: (name: string) => `Result: ${name}`,
+  read: "Read it again",
+};
+// Gains of a P-PI cascade: name, unit and the factor to SI.
+const GAINS: [name: string, unit: string, factor: number][] = [
+  ["Kv", "1/s", 1],
+  ["Kp", "N s/m", 1],
+  ["Tn", "ms", 1e-3],
+];
+
+export class Import implements Room {
+  readonly name = "import";
   readonly title = "Import";
-  readonly element = make("div", { class: "bring" });
+  readonly element = make("div", { class: "import-view fills" });
   private readonly wrong = make("div", { role: "alert", class: "bad" });
   private readonly place = make("div", { class: "drop", tabindex: "-1" });
+  private readonly chooses: HTMLButtonElement;
   private readonly bundled = make("div", { class: "buttons" });
   private readonly list = make("ul", { class: "files", "aria-label": "Files" });
-  private readonly detail = make("section", { "aria-label": "The open file" });
+  private readonly detail = make("section", { "aria-label": "The open file", class: "opened" });
   private readonly head = make("div");
   private readonly columns: ColumnTable;
   private readonly check = new Check((units) => this.choose(units));
   private readonly fields = make("div");
-  private readonly outcome = make("section", { "aria-label": "Result", tabindex: "-1" });
+  private readonly outcome = make("section", { "aria-label": "Result", tabindex: "-1", class: "outcome" });
   private readonly tour = make("p", {});
   private readonly report = new Report("picture-made");
   private readonly given = new Map<string, string>(); // what a person wrote into the fields, by file and field
@@ -63,24 +105,30 @@ export class Bring implements Room {
     chooser.addEventListener("change", () => {
       const files = [...(chooser.files ?? [])];
       chooser.value = ""; // the same file can be chosen again
-      void this.bring(files);
+      void this.send(files);
     });
-    this.place.append(
-      make("label", { for: "files" }, "Drop a log, a frequency response, a machine file or a part program here, or choose it: "),
-      chooser,
-    );
+    chooser.hidden = true; // the button opens it
+    chooser.setAttribute("aria-label", TEXT.choose);
+    this.chooses = button(TEXT.choose, () => chooser.click(), { id: "choose-files" });
+    this.place.append(make("h1", {}, TEXT.title), make("p", {}, TEXT.drop), make("div", {}, this.chooses, chooser));
     this.tour.append(
-      button("Tour: your axis in ten minutes", () => this.ask({ do: "bring.tour" }), { id: "bring-tour" }),
-      " from a simulated log to an exported control, one button after another",
+      button(TEXT.tour, () => this.ask({ do: "import.tour" }), { id: "import-tour" }),
+      ` ${TEXT.tour_line}`,
     );
     for (const kind of ["dragover", "drop"]) document.addEventListener(kind, (event) => event.preventDefault());
-    document.addEventListener("drop", (event) => void this.bring([...(event.dataTransfer?.files ?? [])]));
+    document.addEventListener("drop", (event) => void this.send([...(event.dataTransfer?.files ?? [])]));
     this.element.append(
       make(
         "div",
         { class: "begin" },
         make("section", { "aria-label": "Files" }, this.place, this.wrong, this.list),
-        make("section", { "aria-label": "Example machines" }, make("h2", {}, "Example machines"), this.bundled, this.tour),
+        make(
+          "section",
+          { "aria-label": TEXT.examples, class: "examples" },
+          make("h2", {}, TEXT.examples),
+          this.bundled,
+          this.tour,
+        ),
       ),
       this.detail,
       this.outcome,
@@ -99,6 +147,8 @@ export class Bring implements Room {
     this.tour.hidden = !words.offers_tour;
     renew(this.bundled, [words.bundled, words.ask_axis], () => this.begins(words));
     const { made, files, bundled, open, queue, start_from } = words;
+    this.element.classList.toggle("without", !files.length && !queue.length);
+    this.chooses.classList.toggle("main", !files.length);
     renew(this.list, [files.map(({ name, kind, wrong }) => [name, kind, wrong]), open, queue], () => this.listed(words));
     const file = files.find((each) => each.name === open);
     const shown = file && !file.wrong ? file : undefined;
@@ -132,11 +182,11 @@ export class Bring implements Room {
 
   private begins({ bundled, ask_axis }: Words): HTMLElement[] {
     const buttons: HTMLElement[] = bundled.map((name) =>
-      button(name.replaceAll("_", " "), () => this.ask({ do: "bring.bundled", name }), { id: `bundled-${name}` }),
+      button(name.replaceAll("_", " "), () => this.ask({ do: "import.bundled", name }), { id: `bundled-${name}` }),
     );
     if (!ask_axis) return buttons;
     const { name, axes } = ask_axis;
-    const act = bundled.includes(name) ? "bring.bundled" : "bring.axis";
+    const act = bundled.includes(name) ? "import.bundled" : "import.axis";
     return [
       ...buttons,
       make("span", { role: "status" }, `${name} has several axes: `),
@@ -153,10 +203,10 @@ export class Bring implements Room {
       const item = make("li", place < 0 ? {} : { class: "waits" });
       item.append(
         kind
-          ? button(name, () => this.ask({ do: "bring.pick", name }), { "aria-pressed": String(name === open) })
+          ? button(name, () => this.ask({ do: "import.pick", name }), { "aria-pressed": String(name === open) })
           : make("span", {}, name),
         make("span", wrong ? { class: "bad" } : {}, ` ${said} `),
-        button("Remove", () => this.ask({ do: "bring.drop", name }), { "aria-label": `Remove ${name}` }),
+        button("Remove", () => this.ask({ do: "import.drop", name }), { "aria-label": `Remove ${name}` }),
       );
       return item;
     });
@@ -168,7 +218,7 @@ export class Bring implements Room {
     this.report.draw(this.last);
   }
 
-  private async bring(files: File[]): Promise<void> {
+  private async send(files: File[]): Promise<void> {
     this.wrong.replaceChildren();
     const names: string[] = [];
     for (const file of files) {
@@ -183,7 +233,7 @@ export class Bring implements Room {
         this.refuse(file.name, "could not be sent: the server has ended, or the file was changed meanwhile");
       }
     }
-    if (names.length) this.ask({ do: "bring.look", names });
+    if (names.length) this.ask({ do: "import.look", names });
   }
 
   // Said where it can be seen, below what was said of other files.
@@ -218,7 +268,7 @@ export class Bring implements Room {
       : [];
     if (file.kind === "machine") {
       const acts = file.axes.map((axis) =>
-        button(`Tune axis ${axis}`, () => this.ask({ do: "bring.axis", name, axis, at: at() }), { id: `tune-${axis}` }),
+        button(`Tune axis ${axis}`, () => this.ask({ do: "import.axis", name, axis, at: at() }), { id: `tune-${axis}` }),
       );
       return [make("div", { class: "buttons" }, ...acts), ...also, ...tables(file.tables)];
     }
@@ -229,26 +279,38 @@ export class Bring implements Room {
       if (!among.some(([value]) => value === kept(key, usual))) keep(key, usual);
       const select = made.querySelector("select")!;
       select.value = kept(key, usual);
-      select.id = `bring-${key}`;
+      select.id = `import-${key}`;
       return made;
     };
     const start = file.kind === "log" ? words.start_from : "";
-    const begins = file.kind === "log" ? "Machine file to start from" : "Today's machine";
+    const begins = file.kind === "log" ? TEXT.known : TEXT.today;
     const chosen = one_of("machine", begins, machines, start);
     const fields = new Map<string, HTMLInputElement>();
-    const field = (key: string, label: string): HTMLElement => {
-      const input = make("input", { type: "text", inputmode: "decimal", size: "8", id: `bring-${key}` });
+    const field = (key: string, label: string, unit = ""): HTMLElement => {
+      const input = make("input", {
+        type: "text",
+        inputmode: key === "unit" ? "text" : "decimal",
+        size: "6",
+        id: `import-${key}`,
+      });
       input.value = kept(key);
       input.addEventListener("input", () => keep(key, input.value));
       fields.set(key, input);
-      return make("label", { for: input.id }, `${label} `, input);
+      return make("label", { for: input.id }, `${label} `, input, ...(unit ? [" ", make("span", { class: "unit" }, unit)] : []));
     };
     const given = (): Record<string, unknown> => {
       const found: Record<string, unknown> = { machine: kept("machine", start) };
       for (const [key, input] of fields) {
         const typed = numberOf(input.value);
-        if (typed !== null) found[key] = typed;
+        if (typed === null || GAINS.some(([name]) => name === key)) continue;
+        const [name, si] = SI[key] ?? [key, (value: number) => value];
+        found[name] = typeof typed === "number" ? si(typed) : typed;
       }
+      const gains = GAINS.flatMap(([name, , factor]) => {
+        const typed = numberOf(fields.get(name)?.value ?? "");
+        return typed === null ? [] : [`${name}=${typeof typed === "number" ? Number((typed * factor).toPrecision(12)) : typed}`];
+      });
+      if (gains.length) found.law = `cascade_ppi:${gains.join(",")}`;
       return found;
     };
     if (file.kind === "frequency responses") {
@@ -263,24 +325,23 @@ export class Bring implements Room {
       const chosen_roles = () => Object.fromEntries(["load", "motor"].map((key) => [key, kept(key)]).filter(([, one]) => one));
       const more = [
         ...several,
-        field("sample_time", "Sample time of the control (s)"),
-        field("unit", "Unit, if the file states none"),
-        field("delay", "Dead time that it does not hold (s)"),
+        field("rate", TEXT.rate_control, "Hz"),
+        field("unit", TEXT.unit),
+        field("delay", TEXT.delay, "ms"),
       ];
       return [
         make(
           "div",
           { class: "buttons" },
+          button(TEXT.tune_frf, () => this.ask({ do: "import.responses", name, at: at(), ...given(), ...chosen_roles() }), {
+            id: "tune-responses",
+            class: "main",
+          }),
           button(
-            "Tune on the measured response",
-            () => this.ask({ do: "bring.responses", name, at: at(), ...given(), ...chosen_roles() }),
-            { id: "tune-responses", class: "main" },
-          ),
-          button(
-            "Identify a model",
+            TEXT.identify_model,
             () =>
               this.ask({
-                do: "bring.identify",
+                do: "import.identify",
                 name,
                 ...chosen_roles(),
                 machine: kept("machine", start),
@@ -294,46 +355,41 @@ export class Bring implements Room {
         ...tables(file.tables),
       ];
     }
-    const law = field("law", "Law that ran, if no machine file says it");
-    Object.assign(fields.get("law")!, {
-      size: 34,
-      inputMode: "text",
-      placeholder: "cascade_ppi:Kv=38,Kp=9e4,Tn=0.02",
-      title: "its numbers in SI",
-    });
-    const turns = make("input", { type: "checkbox", id: "bring-rotary" });
+    const turns = make("input", { type: "checkbox", id: "import-rotary" });
     turns.checked = kept("rotary") !== "";
     turns.addEventListener("change", () => keep("rotary", turns.checked ? "yes" : ""));
+    const gains = GAINS.map(([name, unit]) => field(name, name, unit));
     const more = [
-      law,
-      field("lead", "Lead of the screw (m), for angles"),
-      make("label", { for: turns.id }, turns, " The axis itself turns, without a screw"),
-      field("force_constant", "N per unit of the command"),
-      field("sample_time", "Sample time (s), without a clock"),
+      field("pitch", TEXT.pitch, "mm per turn"),
+      make("label", { for: turns.id }, turns, TEXT.rotary),
+      field("force_constant", TEXT.unit_force, "N"),
+      field("rate", TEXT.rate, "Hz"),
     ];
     return [
       make(
         "div",
         { class: "buttons" },
-        button("Identify", () => this.ask({ do: "bring.identify", name, also: at(), rotary: turns.checked, ...given() }), {
+        button(TEXT.identify, () => this.ask({ do: "import.identify", name, also: at(), rotary: turns.checked, ...given() }), {
           id: "identify",
           class: "main",
         }),
         button(
-          "Estimate frequency responses",
-          () => this.ask({ do: "bring.estimate", name, all: false, sample_time: numberOf(kept("sample_time")) }),
+          TEXT.measure,
+          () => this.ask({ do: "import.estimate", name, all: false, sample_time: given().sample_time ?? null }),
           { id: "estimate" },
         ),
       ),
       ...also,
-      make("div", { class: "fields" }, chosen, ...more),
+      make("div", { class: "fields" }, chosen),
+      make("fieldset", {}, make("legend", {}, TEXT.gains), make("div", { class: "fields" }, ...gains)),
+      make("fieldset", {}, make("legend", {}, TEXT.more), make("div", { class: "fields" }, ...more)),
     ];
   }
 
   // Units that were in doubt.
   private choose(units: [string, string][]): void {
     const { open } = this.last?.said as unknown as Words;
-    for (const [column, unit] of units) this.ask({ do: "bring.unit", name: open, column, unit });
+    for (const [column, unit] of units) this.ask({ do: "import.unit", name: open, column, unit });
   }
 
   private headed(file: Brought, { axes = [], axis = "" }: Words): HTMLElement[] {
@@ -341,7 +397,7 @@ export class Bring implements Room {
     const head = make("h2", {}, `${name}: ${kind}`);
     if (wrong) return [head, make("p", { class: "bad" }, wrong), ...(no_clock ? [this.clock(name)] : [])];
     if (axes.length < 2) return [head];
-    const change = (axis: string) => this.ask({ do: "bring.choose_axis", name, axis });
+    const change = (axis: string) => this.ask({ do: "import.choose_axis", name, axis });
     const among = choice(
       `It has ${axes.length} axes. Show axis`,
       axes.map((each): [string, string] => [each, each]),
@@ -354,31 +410,27 @@ export class Bring implements Room {
   }
 
   private clock(name: string): HTMLElement {
-    const field = make("input", { type: "text", inputmode: "decimal", size: "8", id: "bring-clock" });
-    const read = () => this.ask({ do: "bring.look", names: [name], sample_time: numberOf(field.value) });
+    const field = make("input", { type: "text", inputmode: "decimal", size: "8", id: "import-clock" });
+    const read = () => {
+      const rate = numberOf(field.value);
+      this.ask({ do: "import.look", names: [name], sample_time: typeof rate === "number" ? 1 / rate : rate });
+    };
     field.addEventListener("keydown", (event) => event.key === "Enter" && read());
-    return make(
-      "p",
-      {},
-      make("label", { for: field.id }, "Time between two rows (s) "),
-      field,
-      " ",
-      button("Read it again", read),
-    );
+    return make("p", {}, make("label", { for: field.id }, `${TEXT.rate} `), field, " Hz ", button(TEXT.read, read));
   }
 
   private result({ made, queue, open }: Words): HTMLElement[] {
     if (!made) return [];
     const take = made.machine
-      ? [button("Tune this axis", () => this.ask({ do: "bring.take" }), { id: "take-identified", class: "main" })]
+      ? [button(TEXT.tune, () => this.ask({ do: "import.take" }), { id: "take-identified", class: "main" })]
       : [];
     const [name] = queue;
     const next =
       name && name !== open
-        ? [button(`Next file: ${name}`, () => this.ask({ do: "bring.pick", name }), { id: "next-file" })]
+        ? [button(`Next file: ${name}`, () => this.ask({ do: "import.pick", name }), { id: "next-file" })]
         : [];
     return [
-      make("h2", {}, `What was found in ${made.of}`),
+      make("h2", {}, TEXT.result(made.of)),
       this.report.head,
       make("div", { class: "buttons" }, ...take, ...next),
       this.report.body,

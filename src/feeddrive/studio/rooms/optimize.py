@@ -1,10 +1,10 @@
-"""The Goal page: automatic tuning with live progress, within limits that can also be dragged in the pictures."""
+"""The Optimize page: automatic tuning with live progress, within limits that can also be dragged in the pictures."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +19,17 @@ from feeddrive.files.machine import read_machine
 from feeddrive.language import units
 from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import DRAWN, number
-from feeddrive.loop.box import BOXES
 from feeddrive.loop.control import Control
 from feeddrive.loop.loop import Loop
 from feeddrive.plot.chart import Chart, Curve, Panel
+from feeddrive.studio.bench import bench_of
 from feeddrive.studio.desk import Asked, Desk, Room, Said, act, free_name
 from feeddrive.studio.jobs import Found
 from feeddrive.studio.pictures import WORST, charts
 from feeddrive.studio.works import Shown, tuned
 from feeddrive.tuning.by_hand import ByHand, Look
 from feeddrive.tuning.operating_point import modelled_point
-from feeddrive.workflow.command import Field, fields_of
+from feeddrive.workflow.command import Field, fields_of, frequencies
 from feeddrive.workflow.tune import TuneRequest
 from feeddrive.workflow.tune_sources import has_integral
 
@@ -44,44 +44,73 @@ def _option(figure: Figure) -> str:
 
 
 _PEAK, _SOFT = _option(SENSITIVITY_PEAK), _option(COMPLIANCE_PEAK)
-_BY_RULE = "without a machine file the search begins with a P-PI by a rule, and not with the current control"
+_BY_RULE = "Without a machine file the search begins with a P-PI by a rule, and not with the current control."
 _NO_INTEGRAL = (
-    "the current control has no integral action, which the goal rope-snap needs: write cascade_ppi into the field law, "
-    "so that the search begins with one, or take the goal stiffness"
+    "The current control has no integral action, which the goal rope snap needs: choose the control law P-PI, so that "
+    "the search begins with one, or the goal dynamic stiffness."
 )
 # label and explanation of each field on the page; a limit of a package has those of its declaration
-_WORDS: Mapping[str, tuple[str, str]] = {
-    "goal": ("Goal", "what the search makes as good as it can within the limits"),
+WORDS: Mapping[str, tuple[str, str]] = {
+    "goal": ("Goal", "what becomes as good as it can within the limits"),
     "max_ms": ("Largest Ms", "peak of the sensitivity: 2 is usual, less is more robust"),
-    "gain_margin": ("Least gain margin", "by how much the gain may rise before the loop oscillates"),
-    "phase_margin": ("Least phase margin", "distance to -180° at each crossover"),
-    "delay_margin": ("Least delay margin", "dead time that may be added"),
-    "small_gain_delay": ("Least small-gain delay", "added dead time that the small-gain theorem admits"),
-    "max_compliance": ("Largest compliance", "inverse of the least dynamic stiffness"),
-    "max_noise": ("Largest force noise", "RMS of the force that noise of the encoders causes"),
-    "box": ("Plants to hold for", "auto, standard, none, or tolerances as stiffness=0.2,mass=0.3"),
+    "gain_margin": ("Gain margin, at least", "by how much the gain may rise before the loop oscillates"),
+    "phase_margin": ("Phase margin, at least", "distance to -180° at each crossover"),
+    "delay_margin": ("Delay margin, at least", "dead time that may be added before the loop oscillates"),
+    "small_gain_delay": (
+        "Small-gain delay, at least",
+        "dead time that may be added, also a changing one",
+    ),
+    "max_compliance": ("Least stiffness", "force for each micrometer at the frequency where the axis is softest"),
+    "max_noise": ("Force noise allowed", "RMS of the force that noise of the encoders causes"),
+    "box": ("Plants to hold for", "the limits hold for each of them, not for the model alone"),
     "reading_noise": ("Encoder noise", "RMS of white noise in the positions that are read"),
-    "band": ("Frequency range", "of the stiffness, as 1..30 in Hz"),
-    "filters": ("Filters", "kept, free (tuned too), or placed (notches added where they pay)"),
-    "law": ("Control law", "empty for the present one, or another one by its name"),
+    "band": ("Frequency range", "in which the stiffness counts; empty: all"),
+    "filters": ("Filters", "notches and low-passes behind the control law"),
+    "law": ("Control law", "the one that is tuned"),
     "starts": ("Attempts", "searches from different starts; the best one counts"),
 }
+# goals in words: what a person reads in the list
+_GOALS = {
+    "rope-snap": "Rope snap: load released at once",
+    "stiffness": "Dynamic stiffness over the range",
+    "least-stiffness": "Least stiffness from 1 Hz on",
+    "integral-gain": "Integral gain: stiffness at low frequency",
+    "bandwidth": "Bandwidth of the disturbance rejection",
+}
+_FILTERS = {"placed": "place them for me", "free": "tune those that are there", "kept": "leave them as they are"}
+_LAWS = {"cascade_ppi": "P-PI cascade", "position_loop": "P position loop", "linuxcnc_pid": "LinuxCNC PID"}
+_RARE = ("small_gain_delay", "max_noise", "reading_noise", "band", "starts")  # folded on the page
+# a limit that a person reads as its inverse, with the unit of it
+_INVERSE = {"um/N": "N/um", "urad/(N m)": "N m/urad"}
 _FAR = 20.0  # dB above the curves, within which the picture reaches up to the limit
+_EXAMPLE = "ball_screw"
 _TODAY, _NOW, _BEST, _FOUND = "today", "now", "best so far", "found"
 FIELDS: Mapping[str, Field] = {field.name: field for field in fields_of(TuneRequest) if field.name in _SHOWN}
 
 
-def _offered(name: str) -> tuple[str, ...]:
-    """Return words among which the page lets choose in a field, beside a text of one's own."""
-    if name == "law":
-        return tuple(members(Law))  # type: ignore[type-abstract]
-    return {"box": BOXES, "filters": ("kept", "free", "placed")}.get(name, ())
+def _laws() -> dict[str, str]:
+    """Return the control laws by kind, as the list of the page names them; empty: the law of the present control."""
+    kinds = {kind: _LAWS.get(kind) or law.title or kind for kind, law in members(Law).items()}  # type: ignore[type-abstract]
+    return {"": "the present one", **dict(sorted(kinds.items(), key=lambda item: item[1].lower()))}
 
 
-class Goal(Room):
+@cache
+def example() -> tuple[str, Chart]:
+    """Return the name of a bundled axis and its dynamic stiffness, of which a goal is made."""
+    bench = bench_of(_EXAMPLE)
+    now = bench.by_hand.at(bench.by_hand.values)
+    return bench.title, charts(bench, {_NOW: now}, names=("stiffness",))["stiffness"]
+
+
+def _goals() -> dict[str, str]:
+    """Return the goals, as the list of the page names them; one of a package has the title of its figure."""
+    return {name: _GOALS.get(name, figure.title) for name, figure in goals().items()}
+
+
+class Optimize(Room):
     """The page for automatic tuning: the goal, its limits, and the result of the tuner."""
 
-    name = "goal"
+    name = "optimize"
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
@@ -100,7 +129,8 @@ class Goal(Room):
         """Return the goal with its limits, the progress of the search, and the loop before and after it."""
         words: dict[str, Any] = {"fields": [self._field(FIELDS[name]) for name in _SHOWN], "ready": False}
         if self.desk.bench is None:
-            return Said(words)
+            of, chart = example()
+            return Said({**words, "example": of}, {"example": chart})
         drawn = self._charts()
         words |= {
             "ready": True,
@@ -237,33 +267,48 @@ class Goal(Room):
 
     @staticmethod
     def _read(field: Field, text: str) -> Any:
+        if field.name == "band":
+            frequencies(text)
         if field.kind is str:
             return text
+        label = WORDS[field.name][0] if field.name in WORDS else field.flag
         try:
             # a decimal comma is what many users type
             number = float(text.replace(",", "."))
         except ValueError:
-            raise ParameterError(f"{field.flag}: '{text:.40}' is no number") from None
+            raise ParameterError(f"{label}: '{text:.40}' is no number") from None
+        if field.name == _SOFT:
+            if not number > 0.0:
+                raise ParameterError(f"{label} must be a stiffness above 0, not {text:.40}; empty for no limit")
+            number = 1.0 / number
         if field.kind is not int:
             return units.scaled(number, field.factor)
         if not number.is_integer():
-            raise ParameterError(f"{field.flag} must be a whole number, not {text:.40}")
+            raise ParameterError(f"{label} must be a whole number, not {text:.40}")
         return int(number)
 
     def _field(self, field: Field) -> dict[str, Any]:
         value = self.settings.get(field.name, field.default)
         shown = "" if value is None else str(value)
-        if isinstance(value, float):
-            shown = number(value / field.factor, 6)
         declared = field.declared.of_axis(self.desk.bench is not None and self.desk.bench.rotary)
-        label, meaning = _WORDS.get(field.name, (field.flag.removeprefix("--").replace("-", " "), declared.meaning))
+        unit = declared.unit if field.kind is float else ""
+        if isinstance(value, float):
+            shown = number(field.factor / value if field.name == _SOFT else value / field.factor, 6)
+        label, meaning = WORDS.get(field.name, (field.flag.removeprefix("--").replace("-", " "), declared.meaning))
+        kinds = {"box": "box", "band": "range", "starts": "slider"}
+        choices = {"goal": _goals(), "filters": _FILTERS, "law": _laws()}.get(field.name, {})
+        if shown and choices and shown not in choices:
+            # a law that a session of the command line named, such as one with a compensation
+            choices = {**choices, shown: shown}
         return {
             "name": field.name,
+            "kind": "choice" if choices else kinds.get(field.name, "number"),
             "label": label,
             "meaning": meaning,
-            "unit": declared.unit if field.kind is float else "",
-            "options": list(declared.options or ()),
-            "offered": list(_offered(field.name)),
+            "unit": _INVERSE[unit] if field.name == _SOFT else unit,
+            "options": [list(pair) for pair in choices.items()],
+            "most": declared.most or 0,
+            "rare": field.name in _RARE,
             "value": shown,
         }
 
@@ -272,16 +317,16 @@ class Goal(Room):
         levels = list[dict[str, Any]]()
         peak = self.settings.get(_PEAK, FIELDS[_PEAK].default)
         if "sensitivity" in drawn:
-            at, text = self._peak_limit(), f"Ms <= {number(peak, 6)}"
+            at, text = self._peak_limit(), f"Ms ≤ {number(peak, 6)}, drag to change"
             levels.append({"field": _PEAK, "picture": "sensitivity", "at": at, "text": text})
         if "stiffness" in drawn:
             stiffness = self.settings.get(_SOFT)
             # the setting is a compliance in m/N, the picture shows its inverse in N/um
             at = self._least(drawn["stiffness"]) if stiffness is None else 1e-6 / stiffness
-            text = "no limit of stiffness: drag it up"
+            text = "no limit, drag to set one"
             if stiffness is not None:
                 reader = replace(DRAWN, rotary=self.desk.needed.rotary)
-                text = f"stiffness >= {reader.value_text(1.0 / stiffness, 'N/m')}"
+                text = f"stiffness ≥ {reader.value_text(1.0 / stiffness, 'N/m')}, drag to change"
             levels.append({"field": _SOFT, "picture": "stiffness", "at": at, "text": text})
         return levels
 

@@ -1,4 +1,4 @@
-"""The Bring page of the studio: import of files, assignment of column roles, and identification of models from them."""
+"""The Import page of the studio: files, the roles of their columns, and identification of models from them."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ _ENTERED = (
 _ROLES, _CHOSEN = "roles of columns, as the page had them", "responses that were chosen on the page"
 
 
-class Bring(Room):
+class Import(Room):
     """The page for the import of machines, logs, responses and part programs."""
 
-    name = "bring"
+    name = "import"
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)

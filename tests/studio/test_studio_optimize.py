@@ -19,7 +19,7 @@ from feeddrive.language.errors import FeeddriveError
 from feeddrive.studio.bench import bench_of
 from feeddrive.studio.desk import Asked, Said
 from feeddrive.studio.jobs import CANCELLED, DONE
-from feeddrive.studio.rooms.take import recipe_of
+from feeddrive.studio.rooms.export import recipe_of
 from feeddrive.studio.server import Session
 
 SLOW = "ball_screw"  # its search takes long enough to be stopped
@@ -57,18 +57,18 @@ def done(session: Session) -> str:
 
 def test_a_level_that_is_dragged_is_a_limit_of_search_and_of_tuning_by_hand(begin: Callable[[str], Session]) -> None:
     session = begin("linear_motor")
-    said = do(session, "goal.level", field="max_ms", value=20.0 * math.log10(1.7))
+    said = do(session, "optimize.level", field="max_ms", value=20.0 * math.log10(1.7))
     level = next(each for each in said.words["levels"] if each["field"] == "max_ms")
     assert level["picture"] == "sensitivity"
     assert 10.0 ** (level["at"] / 20.0) == pytest.approx(1.7)
-    assert session.rooms["goal"]._request().max_ms == 1.7  # type: ignore[attr-defined]
+    assert session.rooms["optimize"]._request().max_ms == 1.7  # type: ignore[attr-defined]
     judged = do(session, "tune.show").words["judged"]
     assert any("Ms <= 1.7" in each["text"] for each in judged)
-    do(session, "goal.level", field="max_ms", value=1e6)  # far out of the picture: no limit
-    do(session, "goal.level", field="max_compliance", value=25.0)  # N/um
-    assert session.rooms["goal"]._request().max_compliance == pytest.approx(4e-8)  # type: ignore[attr-defined]
-    assert do(session, "goal.set", field="max_compliance", value="").words["fields"]
-    assert session.rooms["goal"]._request().max_compliance is None  # type: ignore[attr-defined]
+    do(session, "optimize.level", field="max_ms", value=1e6)  # far out of the picture: no limit
+    do(session, "optimize.level", field="max_compliance", value=25.0)  # N/um
+    assert session.rooms["optimize"]._request().max_compliance == pytest.approx(4e-8)  # type: ignore[attr-defined]
+    assert do(session, "optimize.set", field="max_compliance", value="").words["fields"]
+    assert session.rooms["optimize"]._request().max_compliance is None  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(
@@ -89,41 +89,41 @@ def test_a_goal_that_cannot_be_is_refused_and_the_one_before_stays(
     begin: Callable[[str], Session], act: str, more: dict[str, Any]
 ) -> None:
     session = begin("linear_motor")
-    do(session, "goal.level", field="max_ms", value=4.0)
-    before = dict(session.rooms["goal"].settings)  # type: ignore[attr-defined]
+    do(session, "optimize.level", field="max_ms", value=4.0)
+    before = dict(session.rooms["optimize"].settings)  # type: ignore[attr-defined]
     with pytest.raises(FeeddriveError):
-        do(session, f"goal.{act}", **more)
-    assert session.rooms["goal"].settings == before  # type: ignore[attr-defined]
+        do(session, f"optimize.{act}", **more)
+    assert session.rooms["optimize"].settings == before  # type: ignore[attr-defined]
 
 
 def test_a_search_that_was_stopped_gives_its_best_which_is_said_to_be_unproven(
     begin: Callable[[str], Session], tmp_path: Path
 ) -> None:
     session = begin(SLOW)
-    goal, before = session.rooms["goal"], dict(session.desk.values)
+    goal, before = session.rooms["optimize"], dict(session.desk.values)
     with pytest.raises(FeeddriveError, match="nothing was found yet"):
-        do(session, "goal.accept")
-    do(session, "goal.tune")
+        do(session, "optimize.accept")
+    do(session, "optimize.tune")
     until = time.monotonic() + 60.0
     while len(goal.costs) < 2 and time.monotonic() < until:  # type: ignore[attr-defined]
         time.sleep(0.01)
     with pytest.raises(FeeddriveError, match="cancel it first"):
-        do(session, "goal.reject")
+        do(session, "optimize.reject")
     session.answer({"number": 1, "do": "job.cancel"})
     assert done(session) == CANCELLED
-    said = do(session, "goal.show").words
+    said = do(session, "optimize.show").words
     assert (said["best"], said["unfinished"], said["found"]) == (True, True, None)
     costs = list(goal.costs)  # type: ignore[attr-defined]
     assert costs == sorted(costs, reverse=True)
     assert session.desk.values == before  # nothing is taken before a person accepts
     best = goal.best  # type: ignore[attr-defined]
-    assert do(session, "goal.accept").words["go"] == "tune"
+    assert do(session, "optimize.accept").words["go"] == "tune"
     assert numbers(session.desk.control) == numbers(best)
-    assert do(session, "goal.show").words["best"] is False
+    assert do(session, "optimize.show").words["best"] is False
     do(session, "tune.undo")
     assert session.desk.values == before
     do(session, "tune.redo")
-    do(session, "take.machine")
+    do(session, "export.machine")
     check_repeated(session, tmp_path / "again")
     assert "tune" not in [each.command for each in session.desk.done]  # a search that was stopped proves nothing
 
@@ -155,22 +155,22 @@ def check_alike(written: Any, control: Any) -> None:
 
 def test_what_was_found_is_accepted_and_taken_away(begin: Callable[[str], Session], tmp_path: Path) -> None:
     session = begin("linear_motor")
-    do(session, "goal.set", field="starts", value="1")
-    do(session, "goal.tune")
+    do(session, "optimize.set", field="starts", value="1")
+    do(session, "optimize.tune")
     assert done(session) == DONE
-    said = do(session, "goal.show").words
+    said = do(session, "optimize.show").words
     assert said["found"]["verdict"]
-    assert "cascade" in do(session, "goal.show").charts  # of the report; the others the room draws
+    assert "cascade" in do(session, "optimize.show").charts  # of the report; the others the room draws
     assert not said["unfinished"]
-    found = session.rooms["goal"].result.result.control  # type: ignore[attr-defined]
-    do(session, "goal.accept")
+    found = session.rooms["optimize"].result.result.control  # type: ignore[attr-defined]
+    do(session, "optimize.accept")
     check_alike(session.desk.control, found)
-    do(session, "take.export", target="parameters")
+    do(session, "export.export", target="parameters")
     assert done(session) == DONE
-    said = do(session, "take.show").words
+    said = do(session, "export.show").words
     assert said["results"] == [{"name": "tuned", "said": ""}]
     archive = said["exports"]["parameters"]["archive"]
-    given = do(session, "take.result", name="tuned").words["give"]
+    given = do(session, "export.result", name="tuned").words["give"]
     for name in (archive, given):
         with zipfile.ZipFile(BytesIO((session.desk.folder / name).read_bytes())) as packed:
             assert packed.testzip() is None
@@ -178,13 +178,13 @@ def test_what_was_found_is_accepted_and_taken_away(begin: Callable[[str], Sessio
             assert len(packed.namelist()) > 1
     assert not any("an earlier control" in each for each in said["exports"]["parameters"]["said"])
     do(session, "tune.undo")
-    (result,) = do(session, "take.show").words["results"]
+    (result,) = do(session, "export.show").words["results"]
     assert result["said"].startswith("This result belongs to an earlier control")
-    shown = do(session, "take.show").words["exports"]["parameters"]
+    shown = do(session, "export.show").words["exports"]["parameters"]
     assert shown["said"][0] == "This result belongs to an earlier control. Run it again for the current one."
     do(session, "tune.redo")
-    assert do(session, "take.show").words["exports"]["parameters"] == said["exports"]["parameters"]
-    do(session, "take.machine")
+    assert do(session, "export.show").words["exports"]["parameters"] == said["exports"]["parameters"]
+    do(session, "export.machine")
     check_repeated(session, tmp_path / "again")
     job = tomllib.loads(recipe_of(session.desk).job)
     assert job["machine"]
@@ -192,29 +192,29 @@ def test_what_was_found_is_accepted_and_taken_away(begin: Callable[[str], Sessio
 
 def test_a_search_is_not_begun_beside_another_work_and_what_was_found_stays(begin: Callable[[str], Session]) -> None:
     session = begin("linear_motor")
-    do(session, "goal.set", field="starts", value="1")
-    do(session, "goal.tune")
+    do(session, "optimize.set", field="starts", value="1")
+    do(session, "optimize.tune")
     assert done(session) == DONE
-    found = session.rooms["goal"].result  # type: ignore[attr-defined]
+    found = session.rooms["optimize"].result  # type: ignore[attr-defined]
     do(session, "compare.start", laws=[], starts=2)
     do(session, "tune.move", name="law.Kp", value=0.9 * session.desk.values["law.Kp"])
-    for act in ("goal.tune", "prove.certify", "take.machine", "bring.bundled"):
+    for act in ("optimize.tune", "prove.certify", "export.machine", "import.bundled"):
         with pytest.raises(FeeddriveError, match="wait for its end, or cancel it"):
             do(session, act, name="emps")
-    assert session.rooms["goal"].result is found  # type: ignore[attr-defined]
+    assert session.rooms["optimize"].result is found  # type: ignore[attr-defined]
     assert not (session.desk.folder / "machine.toml").exists()
     before = dict(session.desk.values)
-    assert do(session, "goal.reject").words["best"] is False
+    assert do(session, "optimize.reject").words["best"] is False
     with pytest.raises(FeeddriveError, match="nothing was found yet"):
-        do(session, "goal.accept")
+        do(session, "optimize.accept")
     assert session.desk.values == before
 
 
 def test_the_picture_reaches_up_to_a_limit_that_can_be_dragged(begin: Callable[[str], Session]) -> None:
     session = begin("linear_motor")
     for peak, seen in (("1.7", True), ("4", True), ("1e9", False)):
-        do(session, "goal.set", field="max_ms", value=peak)
-        said = do(session, "goal.show")
+        do(session, "optimize.set", field="max_ms", value=peak)
+        said = do(session, "optimize.show")
         (level,) = (each for each in said.words["levels"] if each["field"] == "max_ms")
         panel = said.charts["sensitivity"].panels[0]
         assert panel.high is not None
@@ -226,21 +226,21 @@ def test_the_limits_hold_over_the_box_that_is_chosen_and_the_worst_plant_is_draw
     begin: Callable[[str], Session],
 ) -> None:
     session = begin("linear_motor")
-    said = do(session, "goal.show").words
+    said = do(session, "optimize.show").words
     assert next(each for each in said["fields"] if each["name"] == "box")["value"] == "auto"
     assert "every mass ±30 %" in said["over"]
-    do(session, "goal.set", field="box", value="none")
-    assert "at the model only" in do(session, "goal.show").words["over"]
+    do(session, "optimize.set", field="box", value="none")
+    assert "at the model only" in do(session, "optimize.show").words["over"]
     with pytest.raises(FeeddriveError, match="standard error"):
-        do(session, "goal.set", field="box", value="identified")
+        do(session, "optimize.set", field="box", value="identified")
     with pytest.raises(FeeddriveError, match="stiffness=0"):
-        do(session, "goal.set", field="box", value="a large one")
-    assert "at the model only" in do(session, "goal.show").words["over"]  # the box before stays
-    do(session, "goal.set", field="box", value="mass=20%")
-    do(session, "goal.set", field="starts", value="1")
-    do(session, "goal.tune")
+        do(session, "optimize.set", field="box", value="a large one")
+    assert "at the model only" in do(session, "optimize.show").words["over"]  # the box before stays
+    do(session, "optimize.set", field="box", value="mass=20%")
+    do(session, "optimize.set", field="starts", value="1")
+    do(session, "optimize.tune")
     assert done(session) == DONE
-    shown = do(session, "goal.show")
+    shown = do(session, "optimize.show")
     curves = {curve.name: curve for curve in shown.charts["sensitivity"].panels[0].curves}
     found, worst = (max(curves[name].y) for name in ("found", "found, worst plant"))
     # of the limit of Ms, 2 or 6.02 dB, the worst plant uses all; 0.05 dB are half a percent of Ms

@@ -1,4 +1,4 @@
-"""The Take page of the studio: export of machine file, report and code, and of all steps as commands, Python and a job.
+"""The Export page of the studio: machine file, report and code, and all steps as commands, Python and a job.
 
 The commands repeat the steps without the page.
 """
@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from feeddrive.export.targets import TARGETS
+from feeddrive.export.targets import TARGETS, write_export
 from feeddrive.files.atomic_io import write_whole
 from feeddrive.files.section import to_toml
 from feeddrive.files.toml_file import quoted
@@ -31,6 +32,9 @@ from feeddrive.workflow.export import ExportRequest, VerifyRequest
 _BOUNDS = tuple(
     name for name, declared in declarations(Guard).items() if declared.role == "parameter" and not defaults(Guard)[name]
 )
+
+
+_EXAMPLE, _LINES = "ball_screw", 20
 
 
 @dataclass(frozen=True)
@@ -109,10 +113,21 @@ def whole(machine: str | Path) -> str:
     return str(path.resolve()) if path.exists() else str(machine)
 
 
-class Take(Room):
+@cache
+def _example() -> str:
+    """Return the first lines of exported C code that compute the law of a bundled axis."""
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / _EXAMPLE
+        write_export(_EXAMPLE, "c", out)
+        lines = (out / "axis_x.c").read_text(encoding="utf-8").splitlines()
+    begin = max(number for number, line in enumerate(lines) if "/* control.law" in line)
+    return "\n".join(lines[begin : begin + _LINES])
+
+
+class Export(Room):
     """The page for the export of tuned and proven results."""
 
-    name = "take"
+    name = "export"
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
@@ -130,6 +145,8 @@ class Take(Room):
         words = {
             "ready": bench is not None and bench.machine is not None,
             "targets": list(TARGETS),
+            "of": _EXAMPLE.replace("_", " "),
+            "example": "" if bench is not None and bench.machine is not None else _example(),
             "results": [{"name": name, "said": remark} for name, remark in self.desk.results().items()],
             "exports": {name: self.desk.said_of(held, shown.words) for name, (held, shown) in self.exports.items()},
             "verified": self.verified,
