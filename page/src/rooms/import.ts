@@ -272,7 +272,7 @@ export class Import implements Room {
       );
       return [make("div", { class: "buttons" }, ...acts), ...also, ...tables(file.tables)];
     }
-    if (file.kind === "part program") return [make("p", {}, "It runs on the machine, under Prove.")];
+    if (file.kind === "part program") return [make("p", {}, "It is planned and run on the machine under Program.")];
     // a choice that is kept, as long as it still is among them
     const one_of = (key: string, label: string, among: [string, string][], usual = "") => {
       const made = choice(label, among, (value) => keep(key, value));

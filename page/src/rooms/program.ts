@@ -1,6 +1,7 @@
 // A part program: planned, run on the machine, corrected; path, feed, deviation and axes under one cursor.
 
 import { SHAPES, type State } from "../controls/strip";
+import { empty } from "../empty";
 import { icon, line } from "../icons";
 import { button, choice, make, renew } from "../parts";
 import { dashes } from "../pictures/drawing";
@@ -62,7 +63,7 @@ export class Program implements Room {
   readonly name = "program";
   readonly title = "Program";
   readonly element = make("div", { class: "program fills" });
-  private readonly intro = make("div", { class: "empty" });
+  private readonly intro: HTMLElement;
   private readonly head = make("div", { class: "head" });
   private readonly verdict = make("p", { id: "program-verdict", role: "status" });
   private readonly more = make("details", { id: "program-more" }, make("summary", {}, "Report"));
@@ -97,18 +98,15 @@ export class Program implements Room {
   private plan: Float32Array[] = [];
 
   constructor(private readonly ask: Ask) {
-    this.intro.append(
-      make("h1", {}, "See a part program before it cuts"),
-      make(
-        "p",
-        {},
-        "How long it takes, where the feed falls and why, how far the tool leaves its path and in which line, and what a correction makes of it. Of a five-axis machine the tip and the direction of the tool are judged. It needs a machine whose axes the program moves: import one, or begin with the example.",
-      ),
-      button("Example: S curve on a five-axis machine", () => this.ask({ do: "program.example" }), {
-        class: "main",
+    this.intro = empty({
+      title: "See a part program before it cuts.",
+      sentence:
+        "How long it takes, where the feed falls and why, how far the tool leaves its path and in which line, and what a correction makes of it. Of a five-axis machine the tip and the direction of the tool are judged.",
+      act: button("Example: S curve on a five-axis machine", () => this.ask({ do: "program.example" }), {
         id: "program-example",
       }),
-    );
+      note: "A machine of your own needs the axes that the program moves: import it first.",
+    });
     const speed = this.speed.querySelector("select")!;
     speed.id = "program-speed";
     speed.setAttribute("aria-label", "Speed of playing");

@@ -436,7 +436,7 @@ class Import(Room):
         if name == self.open or (not self.queue and not self._assigning):
             self._open(name)
         elif content.kind in (LOG, RESPONSES) and not content.wrong:
-            # other files need no turn: a machine can be chosen beside a log, a part program is run under Prove
+            # other files need no turn: a machine can be chosen beside a log, a part program is run under Program
             self.queue[name] = None
 
     def _open(self, name: str) -> None:
