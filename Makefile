@@ -8,13 +8,14 @@ LOCKED ?= yes
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test page studio wheel dist lock types tests slow slow-share fresh mutate bench docs format stubs clean
+.PHONY: help demo test page studio wheel release dist lock types tests slow slow-share fresh mutate bench docs format stubs clean
 
 help:
 	@echo "make demo    install into $(VENV), run the bundled job, name the report to open"
 	@echo "make test    install into $(VENV), then ruff, pyright and the tests without the slow proofs"
 	@echo "make studio  build the page of feeddrive studio (needs node and npm) and open it on a bundled axis"
 	@echo "make wheel   build source distribution and wheel, install it elsewhere, and try demo and studio from it"
+	@echo "make release VERSION=0.1.0    refuse what is not ready; build into dist/ and try it (WITH=\"python3.12 python3.13\")"
 	@echo "make dist    source distribution, wheel and its bill of materials (SBOM, CycloneDX) into dist/"
 	@echo "make lock    renew locks/dev.txt: the versions and hashes of all that development and CI install (needs uv)"
 	@echo "make slow    the slow proofs, each with its reason (pytest -m slow --collect-only names them)"
@@ -52,6 +53,10 @@ src/feeddrive/studio/page/index.html: $(shell find page/src -type f) page/index.
 # what is released works without the clone: source distribution, the wheel from it, demo and studio from the wheel
 wheel: $(VENV)/installed-dev
 	$(BIN)/python tests/released.py
+
+# a release: VERSION=0.1.0, and further Pythons in which the wheel is tried (WITH="python3.12 python3.13")
+release: $(VENV)/installed-dev page
+	$(BIN)/python tests/released.py --version $(VERSION) $(addprefix --with ,$(WITH)) --out dist
 
 # without build isolation: hatchling is that of the lock
 dist: $(VENV)/installed-dev

@@ -34,7 +34,7 @@ from feeddrive.files.section import members as members_of
 from feeddrive.language.block import Block, Declaration, Declared, declarations, defaults
 from feeddrive.language.lazy_package import public_names
 from feeddrive.workflow.command import Command, Field, fields_of
-from feeddrive.workflow.schemas import FILES, schemas
+from feeddrive.workflow.schemas import FILES, outcome_schema, schemas
 
 ROOT = Path(__file__).parent.parent
 WHOLE = ("GLOSSARY.md", "DESIGN.md", "CONTRIBUTING.md", "CHANGELOG.md")
@@ -64,7 +64,7 @@ def on_files(files: Any, config: Any) -> Any:
         files.append(File.generated(config, place(block), content=page(block)))
     files.append(File.generated(config, f"{BLOCKS}/index.md", content=index_of_blocks()))
     files.append(File.generated(config, "reference/keys.md", content=keys()))
-    for name, schema in schemas().items():
+    for name, schema in {**schemas(), "outcome": outcome_schema()}.items():
         place_of = f"reference/schema/{name}.schema.json"
         files.append(File.generated(config, place_of, content=json.dumps(schema, indent=1)))
     return files

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 
 import feeddrive as fd
 from feeddrive import cli
@@ -23,9 +24,11 @@ from feeddrive.language.progress import Progress
 from feeddrive.papers import claims as papers
 from feeddrive.papers.claims import Claim, Experiment
 from feeddrive.path import setpoints
+from feeddrive.workflow.schemas import outcome_schema
 from small_axis import MACHINE as SMALL
 from workflow.test_travel_command import PLACES, machine_files
 
+OUTCOME = Draft202012Validator(outcome_schema())
 T = 1e-3  # s
 MASS, COULOMB, VISCOUS = 140.0, 55.0, 310.0  # kg, N, N s/m
 
@@ -351,6 +354,18 @@ def box_of(most: str, box: str = "standard") -> list[str]:
 NO_BOX = "mass=0,friction=0,stiffness=0,dead_time=0"
 # a machine with a hundredth of the friction gets a hundred times too much of it: no share is safe
 SMOOTH = "mass=0,friction=0.99,stiffness=0,dead_time=0"
+
+
+def no_loop() -> list[str]:
+    """An installation on which no loop can be simulated."""
+
+    def fails(*_: object) -> None:
+        raise OSError("no memory for machine code")
+
+    PATCH.setattr(sys.modules["feeddrive.loop.simulate"], "simulate", fails)
+    return ["doctor"]
+
+
 QUICK: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.DO_NOT_TUNE: lambda: log(lambda t, f: f + 70.0 * np.sin(19.0 * t)),
     Judgment.UNITS_IN_DOUBT: lambda: shaken(1.0, unit="mN"),
@@ -367,6 +382,8 @@ QUICK: dict[Judgment, Callable[[], list[str]]] = {
     Judgment.NOT_TOGETHER: lambda: chain("emps"),
     Judgment.NOT_COMMISSIONED: lambda: commissioned(20.0),
     Judgment.CLAIM_FAILS: lambda: claimed(1.2),
+    Judgment.WORKS: lambda: ["doctor"],
+    Judgment.DOES_NOT_WORK: no_loop,
     Judgment.DONE: lambda: ["force", "V", "--column", "u", "--at-full", "30:Nm"],
 }
 SLOW: dict[Judgment, Callable[[], list[str]]] = {
@@ -494,6 +511,7 @@ def record(streams, words: list[str]) -> dict[str, Any]:
     found = json.loads(out, parse_constant=refuse)
     assert "\\ue00" not in out, "a mark is left in a text"
     assert (found["command"], found["exit_code"]) == (words[0], code)
+    OUTCOME.validate(found)
     if isinstance(found.get("tables"), list):
         for table in (*found["tables"], *found["details"]["tables"]):
             assert all(len(row) == len(table["columns"]) for row in table["rows"])
@@ -587,6 +605,7 @@ def test_a_bad_judgment_and_an_error_are_json_with_the_same_code(streams) -> Non
     assert (found["judgment"], found["exit_code"]) == ("incoherent", 1)
     code, out, errors = streams(["check", "nothing.json", "--json"])
     found = json.loads(out)
+    OUTCOME.validate(found)
     assert found == {
         "command": "check",
         "exit_code": 2,

@@ -34,7 +34,7 @@ from feeddrive.language.errors import FeeddriveError
 from feeddrive.language.units import _BASE, _OTHER, _PREFIX
 from feeddrive.study.study import read_study
 from feeddrive.testing.strategies import blocks_of
-from feeddrive.workflow.schemas import FILES, schemas, write_schemas
+from feeddrive.workflow.schemas import FILES, outcome_schema, schemas, write_schemas
 from fresh_draws import Seeded
 from slow_share import all_but
 
@@ -550,6 +550,6 @@ def test_what_the_reader_reads_the_schema_admits(tmp_path: Path, one: Sample, se
 
 def test_schemas_are_written(tmp_path: Path) -> None:
     found = write_schemas(tmp_path)
-    assert [path.name for path in found] == [f"{name}.schema.json" for name in FILES]
-    for path, schema in zip(found, schemas().values(), strict=True):
+    assert [path.name for path in found] == [f"{name}.schema.json" for name in (*FILES, "outcome")]
+    for path, schema in zip(found, (*schemas().values(), outcome_schema()), strict=True):
         assert json.loads(path.read_text(encoding="utf-8")) == schema

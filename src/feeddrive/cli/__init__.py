@@ -24,6 +24,17 @@ def _stopped(message: object = "stopped; nothing was written") -> NoReturn:
     sys.exit(STOPPED)
 
 
+def _broken_package(error: ImportError) -> str:
+    """Return the package whose import failed; empty for a fault of feeddrive itself."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    # a package that is there and does not load, as numpy without its shared library, names no module
+    name = error.name or ("" if trace is None else str(trace.tb_frame.f_globals.get("__name__", "")))
+    package = name.partition(".")[0]
+    return "" if package in ("feeddrive", "__main__") else package
+
+
 def main() -> None:
     """Run the command line and exit."""
     # Set before numpy is imported: its threads split matrices that are too small and wait longer than they work.
@@ -50,6 +61,13 @@ def main() -> None:
     except FeeddriveError as error:
         sys.stderr.write(visible(Text(f"feeddrive: error: {error}\n")))
         sys.exit(error.exit_code)
+    except ImportError as error:
+        package = _broken_package(error)
+        if not package:
+            raise
+        text = f"the package {package} cannot be imported ({error}): run  pip install --force-reinstall {package}"
+        sys.stderr.write(visible(Text(f"feeddrive: error: {' '.join(text.split())}\n")))
+        sys.exit(1)
     except MemoryError:
         sys.stderr.write("feeddrive: error: more memory is needed than there is: shorten the work, or sample slower\n")
         sys.exit(1)

@@ -6,10 +6,12 @@ A command's module is imported when it is called or its `--help` is shown; `feed
 import inspect
 import json
 import sys
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import cached_property
+from glob import escape, glob
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -133,7 +135,7 @@ class Commands(TyperGroup):
 app = typer.Typer(
     cls=Commands,
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
     help="Feed drives of machine tools: from a machine file or a measured log to a servo loop that is proven.",
 )
@@ -243,12 +245,36 @@ def _parameter(field: Field) -> inspect.Parameter:
         names = [field.flag, field.short] if field.short else [field.flag]
         # by identity: a default of 0 equals False, but must be shown
         shown = not any(default is absent for absent in (None, False, inspect.Parameter.empty))
-        info = typer.Option(*names, help=field.help(), show_default=shown)
+        info = typer.Option(*names, help=field.help(), show_default=shown, autocompletion=_completion(field))
     else:
-        info = typer.Argument(help=field.help())
+        info = typer.Argument(help=field.help(), autocompletion=_completion(field))
     return inspect.Parameter(
         field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info]
     )
+
+
+BUNDLED_OF = {"MachineFile": "machines", "Job": "jobs", "Study": "studies"}
+"""The folder of the bundled files whose names a field accepts, by the class that it accepts too."""
+
+
+def _completion(field: Field) -> Callable[[str], list[str]] | None:
+    """Return the function by which a shell completes a value; None if it has nothing to offer."""
+    folders = {BUNDLED_OF[kind.__name__] for kind in field.kinds if kind.__name__ in BUNDLED_OF}
+    if field.name == "program" and Path in field.kinds:
+        folders.add("programs")
+    if not (field.declared.options or folders or Path in field.kinds):
+        return None
+
+    def offered_values(incomplete: str) -> list[str]:
+        bundled = Path(__file__).parents[1] / "files" / "bundled"
+        names = [str(value) for value in field.declared.options]
+        names += [path.stem for folder in sorted(folders) for path in sorted((bundled / folder).iterdir())]
+        # a shell completes no files where the program answers
+        files = sorted(glob(f"{escape(incomplete)}*")) if folders or Path in field.kinds else []
+        files = [f"{name}/" if Path(name).is_dir() else name for name in files]
+        return [*dict.fromkeys(name for name in names if name.startswith(incomplete)), *files]
+
+    return offered_values
 
 
 def _entered(field: Field, value: Any) -> Any:

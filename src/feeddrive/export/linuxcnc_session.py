@@ -29,7 +29,7 @@ from feeddrive.loop.loop import quantity
 from feeddrive.loop.routine import Routine
 
 MODULES = "/usr/lib/linuxcnc/modules"
-_PACKAGES = {
+PACKAGES = {
     "halrun": "linuxcnc-uspace",
     "halcompile": "linuxcnc-uspace-dev",
     "gcc": "gcc",
@@ -55,10 +55,10 @@ class HalTimeoutError(HalError):
 
 def check_programs() -> None:
     """Raise MissingProgramError, naming the packages, unless LinuxCNC and its compiler are installed."""
-    missing = [program for program in _PACKAGES if shutil.which(program) is None]
+    missing = [program for program in PACKAGES if shutil.which(program) is None]
     if missing:
-        packages = " ".join(dict.fromkeys(_PACKAGES[program] for program in missing))
-        raise MissingProgramError("', '".join(missing), packages, "running a component in LinuxCNC")
+        packages = dict.fromkeys(PACKAGES[program] for program in missing)
+        raise MissingProgramError("', '".join(missing), " ".join(packages), "running a component in LinuxCNC")
 
 
 def check_session() -> None:

@@ -155,7 +155,13 @@ class MissingProgramError(FeeddriveError):
     """A system program that is required but not found; the message names its package."""
 
     def __init__(self, program: str, package: str, purpose: str) -> None:
-        super().__init__(f"{purpose} needs the program '{program}', which is not found: run  apt-get install {package}")
+        self.remedy = self.install([package])
+        super().__init__(f"{purpose} needs the program '{program}', which is not found: run  {self.remedy}")
+
+    @staticmethod
+    def install(packages: Iterable[str]) -> str:
+        """Return the command that installs packages, on Debian, Ubuntu and what derives from them."""
+        return f"apt-get install {' '.join(dict.fromkeys(packages))}"
 
 
 class FmuError(FeeddriveError):

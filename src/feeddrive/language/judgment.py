@@ -81,6 +81,8 @@ class Judgment(Enum):
     CHANGED = "verify", "CHANGED SINCE THE EXPORT", 1
     COMMISSIONED = "commission", "The new control runs as predicted and is kept", 0
     NOT_COMMISSIONED = "commission", "The control before stays in place", 1
+    WORKS = "doctor", "feeddrive works on this computer", 0
+    DOES_NOT_WORK = "doctor", "feeddrive does not work on this computer", 1
     CLAIMS_HOLD = "reproduce", "all claims hold", 0
     CLAIM_FAILS = "reproduce", "DOES NOT HOLD", 1
 

@@ -7,9 +7,10 @@ refers to the function, even after the module has been imported.
 
 import pkgutil
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any
 
 from feeddrive.language.errors import nearest
@@ -32,6 +33,14 @@ class LazyPackage(ModuleType):
 
     def __getattr__(self, name: str) -> Any:
         place = self.__dict__["_public"].get(name)
+        former = self.__dict__.get("_former", {}).get(name)
+        if former is not None:
+            # not kept in the dictionary: each use is told where it stands
+            new, version = former
+            text = f"{self.__name__}.{name} is now {new}; the former name is removed in {version}"
+            warnings.warn(text, DeprecationWarning, stacklevel=2)
+            package, _, new_name = new.rpartition(".")
+            return getattr(import_module(package), new_name)
         if place is None and name.startswith("_"):
             # what Python and its tools ask of any object; no person mistyped a public name
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
@@ -59,7 +68,11 @@ class LazyPackage(ModuleType):
 
 
 def make_lazy(
-    package: str, names: Mapping[str, str], other: Callable[[str], Any] | None = None, no_function: str = ""
+    package: str,
+    names: Mapping[str, str],
+    other: Callable[[str], Any] | None = None,
+    no_function: str = "",
+    former: Mapping[str, tuple[str, str]] = MappingProxyType({}),
 ) -> None:
     """Make a package import its public names on first use; call this at the end of its `__init__.py`.
 
@@ -67,6 +80,8 @@ def make_lazy(
                  the package itself, whose public names are modules
     other        returns the values of names that are not public, or raises AttributeError
     no_function  error message if the package is called as a function
+    former       maps each former name to the full name that replaces it and the version that removes it; until then
+                 it works, with a DeprecationWarning
     """
 
     def missing(name: str) -> Any:
@@ -77,6 +92,7 @@ def make_lazy(
         name: f"{package}.{place}" if place else package for place, text in names.items() for name in text.split()
     }
     module.__dict__["_other"] = other or missing
+    module.__dict__["_former"] = former
     module.__dict__["_no_function"] = no_function or f"'{package}' is a package, not a function"
     # the class of the module is changed, since importers already hold this object
     module.__class__ = LazyPackage

@@ -15,6 +15,7 @@ make_lazy(
         "command": "Outcome",
         "commission": "commission",
         "compare": "compare",
+        "doctor": "doctor",
         "excite": "excite",
         "export": "export verify",
         "follow": "follow",

@@ -14,6 +14,7 @@ from feeddrive.workflow.cogging import cogging as cogging
 from feeddrive.workflow.command import Outcome as Outcome
 from feeddrive.workflow.commission import commission as commission
 from feeddrive.workflow.compare import compare as compare
+from feeddrive.workflow.doctor import doctor as doctor
 from feeddrive.workflow.excite import excite as excite
 from feeddrive.workflow.export import export as export
 from feeddrive.workflow.export import verify as verify

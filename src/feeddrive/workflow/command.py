@@ -532,9 +532,14 @@ class Command(Generic[P, R, T]):
         self.__signature__ = signature(request, work)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
-        """Run the command and return its result, not the outcome. `progress` may be passed as an additional keyword."""
+        """Run the command and return its result, not the outcome. `progress` may be passed as an additional keyword; in
+        a notebook the default shows a line under the cell.
+        """
+        from feeddrive.workflow.notebook import cell_progress  # not for the command line
+
         progress: Any = kwargs.pop("progress", None)
-        outcome = self.run(self.build_request(*args, **kwargs), progress)
+        with cell_progress() as shown:
+            outcome = self.run(self.build_request(*args, **kwargs), progress or shown)
         if outcome.error is not None:
             raise outcome.error
         return outcome.result
@@ -850,6 +855,12 @@ COMMANDS: dict[str, Listed] = {
         "Run the equality proof of an export again, with this machine's compiler; 1 if anything differs.",
         "Prove and deploy",
         ("axis_x",),
+    ),
+    "doctor": Listed(
+        "doctor",
+        "Say what feeddrive needs on this computer, what of it is there, and what to type for the rest.",
+        "This computer",
+        ("",),
     ),
 }
 
