@@ -70,15 +70,15 @@ def record(page: Page) -> Film:
     film.take(page, _STAY)
     for name, values in _BY_HAND.items():
         drag(film, page, name, values)
-    page.click("#tab-goal")
-    page.click("#tune-start", "#room-goal .verdict")
+    page.click("#tab-optimize")
+    page.click("#tune-start", "#room-optimize .verdict")
     film.take(page, _STAY)
-    page.click("#goal-accept", "#room-tune:not([hidden]) #verdict:not(:empty)")
+    page.click("#optimize-accept", "#room-tune:not([hidden]) #verdict:not(:empty)")
     film.take(page, _STAY)
     page.click("#tab-prove")
-    page.click("#prove-certify", "#room-prove h2:has-text('Certificate')")
+    page.click("#prove-certify", "#proof-certificate h2:has-text('Proven.')")
     film.take(page, _STAY)
-    page.click("#tab-take")
+    page.click("#tab-export")
     film.take(page, _STAY)
     return film
 

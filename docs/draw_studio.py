@@ -109,7 +109,7 @@ def tour(browser: Any, folder: Path) -> None:
         page.take("studio_tour_log")
         page.click("#tour-next")
         page.click("#identify", "#take-identified")
-        page.see("h2:has-text('What was found')")
+        page.see("h2:has-text('Result: ')")
         page.take("studio_tour_model")
         page.click("#take-identified", "#verdict:not(:empty)")
         page.take("studio_tour_today")

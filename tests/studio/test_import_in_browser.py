@@ -164,7 +164,7 @@ def test_a_second_log_of_the_same_axis_is_pooled_with_the_first(empty: Any, tmp_
     further.check()
     page.click("#identify")
     assert opened.ended() == "done"
-    assert page.locator("h2:has-text('What was found in one.csv and two.csv')").count() == 1
+    assert page.locator("h2:has-text('Result: one.csv and two.csv')").count() == 1
     assert page.locator(".waits").count() == 0  # the second log was used, too, and needs no turn of its own
     assert "2 logs" in page.get_by_role("region", name="Result").inner_text()
     assert further.is_checked()
