@@ -63,9 +63,9 @@ export function choice(
 }
 
 // Text that the browser saves as a file.
-export function save(text: string, name: string): void {
+export function save(text: string, name: string, kind = "text/plain"): void {
   const link = make("a", { download: name });
-  link.href = URL.createObjectURL(new Blob([text], { type: "text/plain" }));
+  link.href = URL.createObjectURL(new Blob([text], { type: kind }));
   link.click();
   URL.revokeObjectURL(link.href);
 }

@@ -36,6 +36,11 @@ export class Snapshots {
     this.changed();
   }
 
+  // The names of those that are hidden.
+  get away(): string[] {
+    return Object.keys(NUMBERS).filter((name) => this.hidden.has(NUMBERS[name]!));
+  }
+
   has(letter: string): boolean {
     return this.kept.includes(letter);
   }

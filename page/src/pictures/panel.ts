@@ -39,6 +39,7 @@ export interface Drawn {
   label: string;
   names: Map<number, string>; // of curves, by number: panels below the first do not name them again
   look: Look;
+  wipe: { left: Content; right: Content; at: number } | null; // the content at both sides of a line, at a share of the width
 }
 
 export class Panel {
@@ -151,12 +152,12 @@ export class Panel {
   get box(): DOMRect {
     const { left, top, width, height } = this.plot.bbox;
     const ratio = uPlot.pxRatio;
-    return new DOMRect(left / ratio, this.top + top / ratio, width / ratio, height / ratio);
+    return new DOMRect(this.left + left / ratio, this.top + top / ratio, width / ratio, height / ratio);
   }
 
   // Pixels of CSS within the picture: of a value of x, and of y.
   across(x: number): number {
-    return pixel(this.axes().x, x) / uPlot.pxRatio;
+    return this.left + pixel(this.axes().x, x) / uPlot.pxRatio;
   }
 
   up(y: number): number {
@@ -166,7 +167,7 @@ export class Panel {
   // Values at a place within the picture; null beside the panel.
   at(px: number, py: number): { x: number; y: number } | null {
     const { x, y } = this.axes();
-    const [across, up] = [px * uPlot.pxRatio, (py - this.top) * uPlot.pxRatio];
+    const [across, up] = [(px - this.left) * uPlot.pxRatio, (py - this.top) * uPlot.pxRatio];
     const inside = across >= x.from && across <= x.to && up >= y.to && up <= y.from;
     return inside ? { x: value(x, across), y: value(y, up) } : null;
   }
@@ -180,7 +181,7 @@ export class Panel {
 
   // The value of x at a distance from the left, also beside the panel.
   along(px: number): number {
-    return value(this.axes().x, px * uPlot.pxRatio);
+    return value(this.axes().x, (px - this.left) * uPlot.pxRatio);
   }
 
   // The value of y at a height, also above and below the panel.
@@ -225,6 +226,10 @@ export class Panel {
     return this.plot.root.offsetTop;
   }
 
+  private get left(): number {
+    return this.plot.root.offsetLeft; // a square picture stands in the middle of a wide field
+  }
+
   // uPlot takes its ranges from data: two corners of what is shown.
   private corners(): uPlot.AlignedData {
     const { x, y } = this.drawn;
@@ -244,9 +249,22 @@ export class Panel {
   }
 
   private paint(): void {
-    const { content, numbers, look } = this.drawn;
+    const { content, numbers, look, wipe } = this.drawn;
     const { x, y } = this.axes();
-    paint(this.plot.ctx, content, numbers, x, y, look, uPlot.pxRatio);
+    const { ctx } = this.plot;
+    if (!wipe) return paint(ctx, content, numbers, x, y, look, uPlot.pxRatio);
+    const middle = x.from + wipe.at * (x.to - x.from);
+    for (const [half, from, to] of [
+      [wipe.left, x.from, middle],
+      [wipe.right, middle, x.to],
+    ] as const) {
+      ctx.save();
+      ctx.beginPath();
+      ctx.rect(from, y.to, to - from, y.from - y.to);
+      ctx.clip();
+      paint(ctx, half, numbers, x, y, look, uPlot.pxRatio);
+      ctx.restore();
+    }
   }
 
   private select(heard: Heard): void {

@@ -5,8 +5,9 @@ import { scaled_bar } from "./heat";
 import { color, look as chosen, NAMED, type Look } from "./look";
 import { Panel, type Drawn, type Range } from "./panel";
 import { pinch } from "./pinch";
+import { Wipe, type Named } from "./wipe";
 import { icon, line } from "../icons";
-import { button, copy } from "../parts";
+import { button, copy, make } from "../parts";
 import type { Chart, Curve, Panel as Content } from "../wire";
 
 const [HEIGHT, MORE] = [280, 80]; // pixels of a picture, as page.css has it, and of each panel beyond two
@@ -33,6 +34,7 @@ export class Picture {
   readonly element = document.createElement("figure");
   onpick: ((x: number, y: number, panel: number, key: string) => void) | null = null; // key: of the mark that was clicked
   oncursor: ((x: number | null) => void) | null = null; // in SI; null where the cursor stands nowhere
+  onsvg: ((how: "copy" | "save", x: Range | null) => void) | null = null; // x: what is in view, in the unit of the axis
   hidden: ReadonlySet<number> = new Set(); // numbers of curves that are not drawn
   private readonly followers: (() => void)[] = [];
   private readonly caption = document.createElement("figcaption");
@@ -55,6 +57,16 @@ export class Picture {
   });
 
   private readonly quantities = document.createElement("span"); // of a picture in a tight grid: in place of labels at its axes
+  private readonly wipe = new Wipe(
+    () => this.redraw(),
+    () => this.compare(),
+    () => this.panels[0]?.box ?? null,
+  );
+  private readonly wiping = button("Wipe", () => this.compare(), {
+    class: "wiping",
+    title: "Compare two controls with a divider between them (W)",
+  });
+  private readonly menu = make("details", { class: "menu" });
   private readonly reading = document.createElement("span");
   private readonly dot = document.createElement("i"); // a place that another picture points at
 
@@ -75,7 +87,7 @@ export class Picture {
     this.surface.className = "surface";
     this.surface.setAttribute("role", "img");
     this.surface.tabIndex = 0;
-    this.surface.title = `Drag or pinch to zoom, double click for the first view. Keys: left and right move the cursor, + and - zoom, 0 shows the first view${tight ? ", Enter makes it large" : ""}.`;
+    this.surface.title = `Drag or pinch to zoom, double click for the first view. Keys: left and right move the cursor, + and - zoom, 0 shows the first view${tight ? ", Enter makes it large, W compares two controls in it, S copies it as SVG, D its data" : ""}.`;
     this.surface.addEventListener("keydown", (event) => this.key(event));
     pinch(this.surface, {
       area: () => this.panels[0]!.area,
@@ -86,14 +98,20 @@ export class Picture {
     this.legend.className = "legend";
     this.spoken.className = "spoken";
     this.spoken.setAttribute("role", "status");
-    this.field.append(this.surface, this.dot);
+    this.field.append(this.surface, this.dot, this.wipe.element);
     this.element.append(this.caption, this.legend, this.field, this.spoken);
     pictures.set(this.element, this);
     new ResizeObserver(() => this.redraw()).observe(this.field);
   }
 
   draw(whole: Chart, numbers: Float32Array, look: Look): void {
-    const chart = without(whole, this.hidden);
+    const controls = named(whole);
+    const wiped = this.wipe.shown(controls);
+    const only = (...kept: number[]) =>
+      without(whole, new Set(controls.map(([number]) => number).filter((each) => !kept.includes(each))));
+    const chart = wiped ? only(wiped.left, wiped.right) : without(whole, this.hidden);
+    const halves = wiped && [only(wiped.left).panels, only(wiped.right).panels];
+    this.wiping.disabled = controls.length < 2;
     this.keep_zoom(chart);
     this.chart = chart;
     this.whole_chart = whole;
@@ -111,6 +129,7 @@ export class Picture {
       content, numbers, x, look, names,
       y: this.y.get(i) ?? range(content, numbers, x),
       frequency: chart.scale !== "linear", square: chart.square, bare: chart.bare, label: chart.label, tight: this.tight,
+      wipe: halves && wiped && { left: halves[0]![i]!, right: halves[1]![i]!, at: wiped.at },
     })); // prettier-ignore
     const sizes = layout(chart, drawn, width, height);
     const shape = JSON.stringify([
@@ -140,6 +159,7 @@ export class Picture {
     const labels = [...new Set(chart.panels.map((each) => each.label)), chart.label];
     this.quantities.textContent = this.tight ? labels.map((each) => shortened(each, this.title)).join(" · ") : "";
     this.quantities.title = labels.join("; ");
+    this.wipe.place();
     for (const follow of this.followers) follow();
   }
 
@@ -179,23 +199,66 @@ export class Picture {
     return `${rows.join("\n")}\n`;
   }
 
+  // Copy or save what is drawn; a picture as SVG is drawn by the server, as in a report.
+  private take(how: "data" | "copy" | "save"): void {
+    this.menu.open = false;
+    if (how === "data") void copy(this.csv(), this.menu);
+    else if (this.onsvg) this.onsvg(how, this.x);
+  }
+
+  taken(text: string): void {
+    void copy(text, this.menu);
+  }
+
   private tools(): HTMLElement {
     const tools = document.createElement("span");
     const large = button("", () => this.enlarge(), { class: "tool", title: "Make large (Enter), or small again" });
     large.setAttribute("aria-label", `Make ${this.title} large`);
     large.append(icon("large"));
-    const data = button("", () => void copy(this.csv(), data), { class: "tool", title: "Copy the data as CSV" });
-    data.setAttribute("aria-label", `Copy the data of ${this.title}`);
-    data.append(icon("copy"));
+    const summary = make("summary", { class: "tool", title: "Copy or save", "aria-label": `Copy or save ${this.title}` });
+    summary.append(icon("copy"));
+    const entries = make(
+      "div",
+      {},
+      button("Copy as SVG (S)", () => this.take("copy")),
+      button("Save as SVG (Shift+S)", () => this.take("save")),
+      button("Copy data as CSV (D)", () => this.take("data")),
+    );
+    this.menu.append(summary, entries);
+    this.menu.addEventListener("focusout", (event) => {
+      if (!this.menu.contains(event.relatedTarget as Node | null)) this.menu.open = false;
+    });
+    this.menu.addEventListener("keydown", (event) => {
+      if (event.key !== "Escape" || !this.menu.open) return;
+      event.stopPropagation();
+      this.menu.open = false;
+      summary.focus();
+    });
     tools.className = "tools";
-    tools.append(data, large);
+    tools.append(this.wiping, this.menu, large);
     return tools;
   }
 
   // Fill the grid with this picture, or give the others their places again.
   private enlarge(): void {
     const now = this.element.classList.toggle(LARGE);
+    this.wipe.end();
     this.element.parentElement?.classList.toggle("one", now);
+  }
+
+  // Begin to compare two controls in the large picture, the first and the last one that are shown, or end it.
+  private compare(): void {
+    const controls = this.whole_chart ? named(this.whole_chart) : [];
+    if (this.wipe.on) {
+      this.wipe.end();
+      this.surface.focus();
+    } else if (controls.length > 1) {
+      if (!this.element.classList.contains(LARGE)) this.enlarge();
+      const shown = controls.filter(([number]) => !this.hidden.has(number));
+      const [first, last] = shown.length > 1 ? [shown[0]!, shown.at(-1)!] : [controls[0]!, controls.at(-1)!];
+      this.wipe.begin(first[0], last[0]);
+    }
+    this.redraw();
   }
 
   // What lies over the picture finds its place after each drawing.
@@ -311,10 +374,18 @@ export class Picture {
       this.zoom({ low: at(Math.max(0, now - 0.25)), high: at(Math.min(1, now + 0.25)) }, null);
     } else if (event.key === "-" && this.x === null && this.chart?.low !== null) {
       this.zoom(extent(this.chart!, this.numbers), null); // beyond the part that is shown at first
+    } else if (this.tight && event.key.toLowerCase() === "w") {
+      this.compare();
+    } else if (event.key === "Escape" && this.wipe.on) {
+      this.compare();
     } else if (["-", "0"].includes(event.key) || (event.key === "Escape" && !this.element.classList.contains(LARGE))) {
       this.zoom(null, null);
     } else if (this.tight && (event.key === "Enter" || event.key === "Escape")) {
       this.enlarge();
+    } else if (this.tight && event.key.toLowerCase() === "s") {
+      this.take(event.shiftKey ? "save" : "copy");
+    } else if (this.tight && event.key.toLowerCase() === "d") {
+      this.take("data");
     } else {
       return;
     }
@@ -376,6 +447,12 @@ function quoted(text: string): string {
 
 function five(value: number): string {
   return String(Number(value.toPrecision(7)));
+}
+
+// The controls that a chart compares, by the numbers of their curves.
+function named(chart: Chart): Named[] {
+  const curves = chart.panels.flatMap((panel) => panel.curves).filter((each) => each.number >= NAMED && each.name);
+  return [...new Map(curves.map(({ number, name }) => [number, name]))];
 }
 
 // The chart without what belongs to some curves.

@@ -149,6 +149,7 @@ export class Tune implements Room {
   heard(received: Received): void {
     const { said } = received;
     if (said.file !== undefined) return save(said.file, said.file_name ?? "machine.toml");
+    if (said.svg) return this.drawn(said.svg as { name: string; text: string; how: string });
     if (said.remedy !== undefined) return this.cure(said.remedy as { crossover: number; text: string } | null);
     if (said.knobs) {
       this.numbers.list(said.knobs);
@@ -212,6 +213,12 @@ export class Tune implements Room {
     this.remedy.hidden = true;
     clearTimeout(this.waits);
     if (!all) this.waits = window.setTimeout(() => this.element.closest("[hidden]") ?? this.ask({ do: "tune.remedy" }), REST);
+  }
+
+  // A picture as SVG that was asked for.
+  private drawn({ name, text, how }: { name: string; text: string; how: string }): void {
+    if (how === "save") save(text, `${name}.svg`, "image/svg+xml");
+    else this.pictures.get(name)?.taken(text);
   }
 
   private cure(found: { crossover: number; text: string } | null): void {
@@ -287,6 +294,8 @@ export class Tune implements Room {
     made.element.id = `picture-${name}`;
     made.element.hidden = true;
     made.hidden = this.snapshots.hidden;
+    made.onsvg = (how, x) =>
+      this.ask({ do: "tune.svg", name, how, hidden: this.snapshots.away, low: x?.low ?? null, high: x?.high ?? null });
     this.pictures.set(name, made);
     this.grid.append(made.element);
     return made;

@@ -37,6 +37,7 @@ from feeddrive.plot.placing import LINE, Extent, width
 from feeddrive.plot.polyline import cut, thinned
 from feeddrive.plot.style import SMALL, TEXT
 
+_NAMESPACE = "http://www.w3.org/2000/svg"
 _FINE_GRID = 25.0  # the least length of a decade that has a fine grid
 _FINE = 0.01  # unit of the paths of curves
 _CLIPPED = 2.0  # beyond the frame: half a line at the edge is not cut off
@@ -54,6 +55,14 @@ def svg_element(chart: Chart, key: str, alt: str, colors: Mapping[str, str] | No
     return _Drawing(chart, key, colors or {}).element(alt)
 
 
+def svg_file(chart: Chart, alt: str) -> str:
+    """Return a chart, with its texts in display units, as an SVG file: in the colors of the house style, on paper.
+
+    alt  description of the picture
+    """
+    return _Drawing(chart, "p", {}).element(alt, alone=True)
+
+
 class _Drawing:
     def __init__(self, chart: Chart, key: str, colors: Mapping[str, str]) -> None:
         self.chart, self.key, self.colors = chart, key, colors
@@ -61,16 +70,22 @@ class _Drawing:
         self.parts = list[str]()
         self.identifiers = 0
 
-    def element(self, alt: str) -> str:
-        """Return the SVG element."""
+    def element(self, alt: str, *, alone: bool = False) -> str:
+        """Return the SVG element; alone in its file it has a size, a paper, and no variables of a page."""
         layout = self.layout
+        if alone:
+            self._add(f'<rect width="100%" height="100%" fill="{style.PAPER}"/>')
         self._headings()
         for frame in layout.frames:
             self._frame(frame)
-        share = 100.0 * self.chart.width / style.WIDTH
+        size = f'width="{100.0 * self.chart.width / style.WIDTH:.0f}%"'
+        font = "var(--font, sans-serif)"
+        if alone:
+            size = f'xmlns="{_NAMESPACE}" width="{_n(layout.wide)}pt" height="{_n(layout.tall)}pt"'
+            font = "sans-serif"  # programs that draw know no variables
         head = (
-            f'<svg viewBox="0 0 {_n(layout.wide)} {_n(layout.tall)}" width="{share:.0f}%" role="img"'
-            f' aria-label="{escape(alt)}" font-family="var(--font, sans-serif)">'
+            f'<svg viewBox="0 0 {_n(layout.wide)} {_n(layout.tall)}" {size} role="img"'
+            f' aria-label="{escape(alt)}" font-family="{font}">'
         )
         return f"{head}<desc>{escape(_description(layout.frames))}</desc>{''.join(self.parts)}</svg>"
 

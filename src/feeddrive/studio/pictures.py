@@ -17,7 +17,7 @@ from feeddrive.language.units import rounded
 from feeddrive.loop.control import Control
 from feeddrive.loop.linearize import StateSpace
 from feeddrive.loop.simulate import Run
-from feeddrive.plot.chart import BAR, DEGREES, Band, Chart, Curve, Disc, Level, Mark, Note, Panel
+from feeddrive.plot.chart import BAR, DEGREES, LOG, Band, Chart, Curve, Disc, Level, Mark, Note, Panel
 from feeddrive.plot.complex_plane import damping_chart, nyquist_chart, plane_chart
 from feeddrive.plot.over_frequency import open_loop_chart, overlay_chart, sensitivity_chart, stiffness_chart
 from feeddrive.plot.over_time import moves_chart, snap_chart, step_response_chart
@@ -187,6 +187,7 @@ Thing = TypeVar("Thing", Curve, Mark, Disc, Note, Band)
 WORST = "found, worst plant"
 # from 100 on: colors, dashes and marks that the page keeps for these names, whatever other curves there are
 NUMBERS = {"today": 100, "now": 101, "A": 102, "B": 103, "C": 104, "found": 105, "best so far": 105, WORST: 106}
+_NAMED = 100  # the least of these numbers
 _NO_MACHINE = "needs a machine file: a measured response alone has no poles, no friction and moves no axis"
 
 
@@ -380,16 +381,58 @@ def numbered(chart: Chart) -> Chart:
     def changed(things: Iterable[Thing]) -> tuple[Thing, ...]:
         return tuple(replace(curve, number=others.get(curve.number, curve.number)) for curve in things)
 
-    panels = (
-        replace(
-            curve,
-            curves=changed(curve.curves),
-            marks=changed(curve.marks),
-            discs=changed(curve.discs),
-            notes=changed(curve.notes),
-            bands=changed(curve.bands),
+    return _changed(chart, changed)
+
+
+def as_in_report(chart: Chart, hidden: Iterable[str], low: float | None, high: float | None) -> Chart:
+    """Return a chart of the page as a report draws it, with the colors and dashes of its curves in their order.
+
+    hidden     names of controllers that are not drawn
+    low, high  the part of x that is in view; None for that of the chart
+    """
+    away = {NUMBERS[name] for name in hidden if name in NUMBERS}
+    things = [thing for panel in chart.panels for part in _of_curves(panel) for thing in part]
+    numbers = sorted({thing.number for thing in things if thing.number >= _NAMED} - away)
+    free = (number for number in range(len(things)) if all(thing.number != number for thing in things))
+    fresh = dict(zip(numbers, free, strict=False))
+
+    def shown(part: Iterable[Thing]) -> tuple[Thing, ...]:
+        return tuple(
+            replace(thing, number=fresh.get(thing.number, thing.number)) for thing in part if thing.number not in away
         )
-        for curve in chart.panels
+
+    drawn = _changed(chart, shown)
+    drawn = replace(drawn, low=chart.low if low is None else low, high=chart.high if high is None else high)
+    return replace(drawn, panels=tuple(_in_view(panel, drawn) for panel in drawn.panels))
+
+
+def _in_view(panel: Panel, chart: Chart) -> Panel:
+    """Let the ordinate of a panel without a range of its own follow what is in view, as on the page."""
+    if chart.low is None or chart.high is None or panel.low is not None or panel.high is not None:
+        return panel
+    seen = [curve.y[(curve.x >= chart.low) & (curve.x <= chart.high)] for curve in panel.curves]
+    y = np.concatenate([*seen, np.empty(0)])
+    y = np.log(y[y > 0.0]) if panel.scale == LOG else y[np.isfinite(y)]
+    if y.size == 0 or np.min(y) == np.max(y):
+        return panel
+    room = _ROOM * float(np.ptp(y))
+    low, high = float(np.min(y)) - room, float(np.max(y)) + room
+    return replace(panel, low=float(np.exp(low)), high=float(np.exp(high))) if panel.scale == LOG else replace(
+        panel, low=low, high=high
+    )
+
+
+_ROOM = 0.06  # of the range of y: free above and below the curves
+_OF_CURVES = ("curves", "marks", "discs", "notes", "bands")  # parts of a panel whose things have a number of a curve
+
+
+def _of_curves(panel: Panel) -> list[tuple[Any, ...]]:
+    return [getattr(panel, name) for name in _OF_CURVES]
+
+
+def _changed(chart: Chart, change: Callable[[Iterable[Any]], tuple[Any, ...]]) -> Chart:
+    panels = (
+        replace(panel, **dict(zip(_OF_CURVES, map(change, _of_curves(panel)), strict=True))) for panel in chart.panels
     )
     return replace(chart, panels=tuple(panels))
 

@@ -18,9 +18,10 @@ from feeddrive.language.tree import check_sampled
 from feeddrive.language.units import rounded, turning
 from feeddrive.loop.control import Control
 from feeddrive.plot.chart import ALERT, FREQUENCY, LOG, Band, Chart, Disc, Level, Mark, Note
+from feeddrive.report.svg import svg_file
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, Values, act
 from feeddrive.studio.history import History
-from feeddrive.studio.pictures import PICTURES, USUAL, HeldPoles, Parts, charts, choices
+from feeddrive.studio.pictures import PICTURES, USUAL, HeldPoles, Parts, as_in_report, charts, choices
 from feeddrive.studio.strip import strip, verdict_line
 from feeddrive.tuning import filters
 from feeddrive.tuning.by_hand import ByHand, Look, Verdict
@@ -395,11 +396,25 @@ class Tune(Room):
             {"file": bench.text(self.desk.values), "file_name": bench.machine.file.name if bench.machine else ""}
         )
 
+    @act
+    def svg(self, asked: Asked) -> Said:
+        """Draw a picture as a report does, for a file or the clipboard; the page sends what it hides, and the view."""
+        name = asked.choice("name", self.chosen)
+        chart = self._charts()[1].get(name)
+        if chart is None:
+            raise ParameterError(f"the picture '{PICTURES[name].title}' is not drawn for this axis")
+        low, high = asked.number_or_none("low"), asked.number_or_none("high")
+        if low is not None and high is not None and not low < high:
+            raise ParameterError("the view of a picture must end above its beginning")
+        drawn = as_in_report(chart, asked.texts("hidden"), low, high)
+        return Said({"svg": {"name": name, "text": svg_file(drawn, PICTURES[name].title), "how": asked.text("how")}})
+
     @property
     def _now(self) -> Look:
         return self._look(NOW, self.desk.needed.by_hand, self.desk.values).look
 
-    def _pictures(self) -> Said:
+    def _charts(self) -> tuple[dict[str, _Seen], dict[str, Chart]]:
+        """Return the controllers that are compared, evaluated, and the chosen pictures of them."""
         bench, values = self.desk.needed, self.desk.values
         seen = {TODAY: self._look(TODAY, bench.before, bench.before.values)}
         seen |= {
@@ -408,11 +423,16 @@ class Tune(Room):
         }
         # last, so that it is drawn above the others, and `_response` finds the current control at the end
         seen[NOW] = self._look(NOW, bench.by_hand, values)
-        now, limits = seen[NOW].look, self.desk.limits
         looks, parts = ({name: getattr(entry, what) for name, entry in seen.items()} for what in ("look", "parts"))
         drawn = charts(bench, looks, parts, self.chosen, self.units)
         units = replace(self.units, rotary=bench.rotary)
-        drawn = self._around_crossover(with_verdicts(drawn, now, limits, units), seen[TODAY].look)
+        drawn = with_verdicts(drawn, seen[NOW].look, self.desk.limits, units)
+        return seen, self._around_crossover(drawn, seen[TODAY].look)
+
+    def _pictures(self) -> Said:
+        bench, values, limits = self.desk.needed, self.desk.values, self.desk.limits
+        seen, drawn = self._charts()
+        now, units = seen[NOW].look, replace(self.units, rotary=bench.rotary)
         margins = now.leading.margins
         headline, sentence = verdict_line(now, limits, units)
         answer = {
