@@ -89,7 +89,7 @@ TODAY, NOW, A = "#66717c", "#0a5fc4", "#00735f"  # page/src/pictures/look.ts, on
 def test_two_controls_are_compared_by_a_divider(opened: Any) -> None:
     page, picture = opened.page, opened.page.locator("#picture-stiffness")
     opened.page.evaluate("document.documentElement.dataset.look === 'light' || document.getElementById('dark').click()")
-    page.keyboard.press("Shift+A")
+    page.click("#keep")
     page.wait_for_selector("#show-A")
     opened.settled()
     picture.locator(".surface").focus()
