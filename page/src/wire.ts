@@ -93,6 +93,7 @@ export interface Knob {
   meaning: string;
   today: number;
   dragged: boolean;
+  exact: boolean; // a number that two others stand for: shown on demand
 }
 // The work waits for its answer: yes or no or, if a value is expected, a number in `unit`, which is SI.
 export interface Question {
@@ -124,6 +125,7 @@ export interface Message {
   title?: string;
   knobs?: Knob[];
   values?: Record<string, number>;
+  shapes?: Record<string, number>; // depth and width of each notch, which stand for its dampings
   judged?: { text: string; keeps: boolean }[];
   stable?: boolean;
   undo?: number;

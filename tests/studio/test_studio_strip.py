@@ -10,6 +10,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.analysis.loop_model import loop_model
+from feeddrive.language.errors import ParameterError
 from feeddrive.plot.chart import BAR, DEGREES
 from feeddrive.plot.over_frequency import open_loop_chart
 from feeddrive.studio.bench import Bench, bench_of
@@ -17,6 +18,7 @@ from feeddrive.studio.desk import Asked, Desk
 from feeddrive.studio.pictures import wrapped
 from feeddrive.studio.rooms.tune import Tune
 from feeddrive.tuning.criteria import Limits
+from feeddrive.tuning.filters import filter_response
 
 _DIGITS = 6e-3  # half a unit of the third digit, which is the last one shown
 
@@ -167,3 +169,37 @@ def test_the_phase_is_drawn_around_the_half_turn(bench: Bench) -> None:
             np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
             # it is interrupted wherever it passes from -360 to 0 degrees, and only there
             assert np.count_nonzero(~there) == np.count_nonzero(np.diff(turns) != 0.0) > 0
+
+
+def test_a_notch_is_set_by_depth_and_width(room: Tune) -> None:
+    """The two stand for its dampings: each keeps the other, and they read as they were written."""
+    where, T = 164.0, fd.read_machine("ball_screw").loop("x").sample_time
+    ask(room, "add", kind="notch", at=where)
+    place = len(room.desk.control.filters) - 1
+    names = [f"filters.{place}.{part}" for part in ("depth", "width")]
+    words = ask(room, "show")
+    rows = {each["name"]: each for each in words["knobs"]}
+    assert [rows[name]["unit"] for name in names] == ["dB", "Hz"]
+    assert [rows[f"filters.{place}.{each}"]["exact"] for each in ("frequency", "damping_zero", "damping_pole")] == [
+        False,
+        True,
+        True,
+    ]
+    ask(room, "move", name=names[1], value=8.0)
+    words = ask(room, "move", name=names[0], value=46.0)
+    assert [words["shapes"][name] for name in names] == [46.0, 8.0]
+    assert words["history"][0]["text"].endswith("→ 46 dB")
+    # |H| at the center is the depth, and -3 dB lie 8 Hz apart
+    notch = room.desk.control.filters[place]
+    f = np.linspace(where - 20.0, where + 20.0, 40_001)
+    gain = np.abs(filter_response(notch, f, T))
+    assert -20.0 * np.log10(np.min(gain)) == pytest.approx(46.0, abs=0.05)  # dB; between two lines it is deeper
+    below = f[gain < np.sqrt(0.5)]
+    # sampling changes it by about (π f T)², the lines by 2 mHz
+    assert below[-1] - below[0] == pytest.approx(8.0, rel=(np.pi * where * T) ** 2, abs=2e-3)
+    ask(room, "move", name=f"filters.{place}.damping_zero", value=0.0)
+    assert ask(room, "move", name=names[1], value=9.0)["shapes"][names[0]] == 120.0  # as deep as is said
+    assert room.desk.control.filters[place].damping_zero == 0.0  # type: ignore[attr-defined]
+    assert ask(room, "move", name=names[0], value=300.0)["shapes"][names[0]] == 60.0
+    with pytest.raises(ParameterError, match=r"no number 'filters\.99\.depth'"):
+        ask(room, "move", name="filters.99.depth", value=3.0)

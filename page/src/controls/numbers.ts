@@ -103,7 +103,11 @@ export class Numbers {
       make("b", {}, `${titled(kind)} `, at),
       ...this.tools(`${held} (${kind})`, number, false),
     );
-    const card = make("fieldset", { class: "card", "data-held": held }, legend, head, ...knobs.map((each) => this.row(each)));
+    const [exact, others] = [knobs.filter((each) => each.exact), knobs.filter((each) => !each.exact)];
+    const rows = others.map((each) => this.row(each));
+    if (exact.length)
+      rows.push(make("details", { class: "exact" }, make("summary", {}, "Exact"), ...exact.map((each) => this.row(each))));
+    const card = make("fieldset", { class: "card", "data-held": held }, legend, head, ...rows);
     const first = knobs.find((each) => each.dragged);
     card.addEventListener("filled", () => {
       if (first) at.textContent = `${written(first, this.last[first.name] ?? first.today)} ${first.unit}`;

@@ -170,7 +170,7 @@ export class Tune implements Room {
     if (said.grips) this.grips = said.grips as Grip[];
     if (said.judged) this.judge(received);
     if (said.values) {
-      this.numbers.show(said.values);
+      this.numbers.show({ ...said.values, ...said.shapes });
       this.last = received;
       this.draw();
       this.handles.show(this.grips);

@@ -9,7 +9,7 @@ from feeddrive.language import tree
 from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.text import Text
 from feeddrive.studio.desk import Desk, Held
-from feeddrive.tuning.filters import difference, filter_text
+from feeddrive.tuning.filters import DEPTH, difference, filter_text, notch_shapes
 
 SHOWN = 12  # steps back, and as many that were undone
 
@@ -74,6 +74,8 @@ def _apart(few: Sequence[Any], many: Sequence[Any]) -> list[Any]:
 
 def _changed(names: list[str], before: Held, after: Held, units: Units) -> str:
     short = [name.rpartition(".")[2].replace("_", " ") for name in names]
+    if all(name.rpartition(".")[2].startswith("damping") for name in names) and (shape := _shape(before, after, units)):
+        return shape
     if len(names) > 1:
         return ", ".join(short[:3]) + (" ..." if len(short) > 3 else "")
     (name,) = names
@@ -82,3 +84,16 @@ def _changed(names: list[str], before: Held, after: Held, units: Units) -> str:
     # the unit once, at the end
     text = Text(f"{short[0]} {Quantity(old, unit, bare=True)} → {Quantity(new, unit)}")
     return text.shown(units)
+
+
+def _shape(before: Held, after: Held, units: Units) -> str:
+    """Return the depth or width of a notch that changed: `notch depth 20 → 26 dB`; empty if both or none did."""
+    old, new = notch_shapes(before.control), notch_shapes(after.control)
+    # dragged dampings have 4 digits
+    changed = [name for name, value in new.items() if abs(value - old.get(name, value)) > 2e-3 * abs(value)]
+    if len(changed) != 1:
+        return ""
+    (name,) = changed
+    part = name.rpartition(".")[2]
+    unit = "dB" if part == DEPTH else "Hz"
+    return Text(f"notch {part} {Quantity(old[name], unit, bare=True)} → {Quantity(new[name], unit)}").shown(units)

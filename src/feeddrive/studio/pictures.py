@@ -417,8 +417,10 @@ def _in_view(panel: Panel, chart: Chart) -> Panel:
         return panel
     room = _ROOM * float(np.ptp(y))
     low, high = float(np.min(y)) - room, float(np.max(y)) + room
-    return replace(panel, low=float(np.exp(low)), high=float(np.exp(high))) if panel.scale == LOG else replace(
-        panel, low=low, high=high
+    return (
+        replace(panel, low=float(np.exp(low)), high=float(np.exp(high)))
+        if panel.scale == LOG
+        else replace(panel, low=low, high=high)
     )
 
 

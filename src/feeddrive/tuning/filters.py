@@ -289,7 +289,10 @@ def _kept(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...] | 
     return best[len(after)][1] if len(after) in best else None
 
 
-WIDTH = "width"
+DEPTH, WIDTH = "depth", "width"
+DEEPEST = 60.0  # dB: the largest depth that a notch is given by its depth
+_NO_GAIN = 120.0  # dB: a deeper notch, such as one with damping_zero = 0, is said to be as deep as this
+_SHAPE_DIGITS = 7  # of dampings that follow from a depth or a width, so that it reads as it was written
 _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 10.0  # range of a dragged damping ratio
 _NARROWEST, _WIDEST = 0.005, 1.5  # range of the damping ratio of a notch's poles
 _LOWEST_DRAWN = -60.0  # dB: nothing is drawn below it
@@ -332,6 +335,45 @@ class Grip:
     high: float
     label: str
     text: str
+
+
+def notch_shapes(control: Control) -> dict[str, float]:
+    """Return depth (dB) and width (Hz) of each notch, by names such as filters.0.depth and filters.0.width.
+
+    The depth is the attenuation at the center, ζd/ζn. The width is 2 ζd f, with its frequency f: the distance of the
+    edges at which a deep notch attenuates by 3 dB.
+    """
+    shapes = dict[str, float]()
+    for i, block in enumerate(control.filters):
+        if isinstance(block, Notch):
+            zero, pole = float(block.damping_zero), float(block.damping_pole)
+            depth = -_decibel(complex(max(zero / pole, 10.0 ** (-_NO_GAIN / 20.0))))
+            shapes[f"filters.{i}.{DEPTH}"] = rounded(depth, 5) + 0.0  # no -0
+            shapes[f"filters.{i}.{WIDTH}"] = rounded(2.0 * pole * float(block.frequency), 5)
+    return shapes
+
+
+def notch_shaped(control: Control, name: str, value: float) -> dict[str, float]:
+    """Return both dampings of a notch with another depth (dB) or width (Hz), as named by `notch_shapes`.
+
+    A depth is kept between 0 and 60 dB with the width as it is; a width is kept in the range of a dragged one, with the
+    depth as it is. Raises ParameterError for an unknown name.
+    """
+    if name not in (shapes := notch_shapes(control)):
+        raise ParameterError(f"the control has no number '{name:.60}'{nearest(name, list(shapes))}")
+    _, place, part = name.split(".")
+    i, block = int(place), control.filters[int(place)]
+    assert isinstance(block, Notch)
+    if part == WIDTH:
+        return _of_width(block, i, value / (2.0 * float(block.frequency)), _SHAPE_DIGITS)
+    depth = min(max(value, 0.0), DEEPEST)
+    zero = float(block.damping_pole) * 10.0 ** (-depth / 20.0)
+    return {f"filters.{i}.damping_zero": rounded(zero, _SHAPE_DIGITS)}
+
+
+def width_range(frequency: float) -> tuple[float, float]:
+    """Return the range of the width of a notch at a frequency, both in Hz."""
+    return 2.0 * _NARROWEST * frequency, 2.0 * _WIDEST * frequency
 
 
 def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[Grip, ...]:
@@ -451,12 +493,12 @@ def _widened(block: Filter, i: int, edge: float) -> dict[str, float]:
     return _of_width(block, i, 0.5 * abs(edge / f - f / edge))
 
 
-def _of_width(block: Filter, i: int, ratio: float) -> dict[str, float]:
+def _of_width(block: Filter, i: int, ratio: float, digits: int = 4) -> dict[str, float]:
     """Return both damping ratios of a notch if that of its poles changes to `ratio` and the depth is kept."""
     assert isinstance(block, Notch)
-    wanted = rounded(min(max(ratio, _NARROWEST), _WIDEST), 4)
+    wanted = rounded(min(max(ratio, _NARROWEST), _WIDEST), digits)
     depth = float(block.damping_zero) / float(block.damping_pole)
-    return {f"filters.{i}.damping_pole": wanted, f"filters.{i}.damping_zero": rounded(depth * wanted, 4)}
+    return {f"filters.{i}.damping_pole": wanted, f"filters.{i}.damping_zero": rounded(depth * wanted, digits)}
 
 
 def _on(loop: Margins, frequency: float, *, cut: bool = True) -> float:

@@ -24,7 +24,7 @@ from feeddrive.studio.history import History
 from feeddrive.studio.pictures import PICTURES, USUAL, HeldPoles, Parts, as_in_report, charts, choices
 from feeddrive.studio.strip import strip, verdict_line
 from feeddrive.tuning import filters
-from feeddrive.tuning.by_hand import ByHand, Look, Verdict
+from feeddrive.tuning.by_hand import ByHand, Knob, Look, Verdict
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.scaling import quickened, speed_powers, speed_range
 
@@ -221,10 +221,10 @@ class Tune(Room):
     @act
     def move(self, asked: Asked) -> Said:
         """Set one parameter; `first` starts a drag, which is undone as a whole."""
-        name = asked.text("name")
-        if name not in self.desk.values:
-            raise ParameterError(f"the control has no number '{name:.60}'")
-        self.desk.change({**self.desk.values, name: asked.number("value")}, begins=asked.yes("first", True))
+        name, value, values = asked.text("name"), asked.number("value"), self.desk.values
+        # depth and width of a notch are no numbers of the control: they stand for its two dampings
+        fresh = {name: value} if name in values else filters.notch_shaped(self.desk.control, name, value)
+        self.desk.change({**values, **fresh}, begins=asked.yes("first", True))
         return self._pictures()
 
     @act
@@ -450,6 +450,7 @@ class Tune(Room):
             "leading": now.leading.point,
             "stable": now.stable,
             "values": values,
+            "shapes": filters.notch_shapes(self.desk.control),
             "undo": len(self.desk.undo),
             "redo": len(self.desk.redo),
             "kept": sorted(self.snapshots),
@@ -536,27 +537,63 @@ class Tune(Room):
         return {"low": crossover / _REACH, "high": crossover * _REACH, "meaning": meaning}
 
     def _knobs(self) -> list[dict[str, Any]]:
-        """Return the data of each parameter for the page, in the displayed units."""
-        bench, rows = self.desk.needed, list[dict[str, Any]]()
-        law = self.desk.control.law
-        units = replace(self.units, rotary=bench.rotary)
-        for knob in bench.by_hand.knobs:
-            declared = knob.declared.of_axis(bench.rotary)
-            unit, factor = units.of(knob.declared.unit)
-            dragged = knob.declared.unit == "Hz" and knob.name.startswith("filters.")
-            rows.append(
-                {
-                    "name": knob.name,
-                    "block": knob.block,
-                    "title": law.title if knob.block == law.kind and law.title else knob.block.replace("_", " "),
-                    "unit": unit,
-                    "factor": factor,
-                    "low": knob.low,
-                    "high": knob.high,
-                    "logarithmic": knob.logarithmic,
-                    "meaning": declared.meaning,
-                    "today": knob.value,
-                    "dragged": dragged,
-                }
-            )
+        """Return the data of each parameter for the page, in the displayed units.
+
+        A notch has a depth and a width in place of its dampings, which stay as `exact` ones.
+        """
+        by_hand, rows = self.desk.needed.by_hand, list[dict[str, Any]]()
+        shapes = filters.notch_shapes(by_hand.control(by_hand.values))
+        for knob in by_hand.knobs:
+            held, _, field = knob.name.rpartition(".")
+            exact = f"{held}.{filters.DEPTH}" in shapes and field.startswith("damping")
+            rows.append(self._row(knob, exact))
+            if f"{held}.{filters.DEPTH}" in shapes and field == "frequency":
+                rows += self._shape_rows(held, knob, shapes)
         return rows
+
+    def _row(self, knob: Knob, exact: bool) -> dict[str, Any]:
+        law, rotary = self.desk.control.law, self.desk.needed.rotary
+        declared = knob.declared.of_axis(rotary)
+        unit, factor = replace(self.units, rotary=rotary).of(knob.declared.unit)
+        return {
+            "name": knob.name,
+            "block": knob.block,
+            "title": law.title if knob.block == law.kind and law.title else knob.block.replace("_", " "),
+            "unit": unit,
+            "factor": factor,
+            "low": knob.low,
+            "high": knob.high,
+            "logarithmic": knob.logarithmic,
+            "meaning": declared.meaning,
+            "today": knob.value,
+            "dragged": knob.declared.unit == "Hz" and knob.name.startswith("filters."),
+            "exact": exact,
+        }
+
+    def _shape_rows(self, held: str, knob: Knob, shapes: Mapping[str, float]) -> list[dict[str, Any]]:
+        """Return depth and width of a notch as rows below that of its frequency."""
+        frequency = {**self._row(knob, exact=False), "dragged": False}
+        low, high = filters.width_range(knob.value)
+        depth, width = (f"{held}.{part}" for part in (filters.DEPTH, filters.WIDTH))
+        return [
+            {
+                **frequency,
+                "name": depth,
+                "unit": "dB",
+                "factor": 1.0,
+                "low": 0.0,
+                "high": filters.DEEPEST,
+                "logarithmic": False,
+                "meaning": "attenuation at the center; the width stays",
+                "today": shapes[depth],
+            },
+            {
+                **frequency,
+                "name": width,
+                "low": low,
+                "high": high,
+                "logarithmic": True,
+                "meaning": "between the two edges, where a deep notch attenuates by 3 dB; the depth stays",
+                "today": shapes[width],
+            },
+        ]
