@@ -203,3 +203,29 @@ def test_a_notch_is_set_by_depth_and_width(room: Tune) -> None:
     assert ask(room, "move", name=names[0], value=300.0)["shapes"][names[0]] == 60.0
     with pytest.raises(ParameterError, match=r"no number 'filters\.99\.depth'"):
         ask(room, "move", name="filters.99.depth", value=3.0)
+
+
+def test_a_filter_that_is_off_is_moved_by_its_grip(room: Tune) -> None:
+    """It stands where the loop would go through with it, keeps its numbers, and moves nothing else."""
+    ask(room, "add", kind="notch", at=150.0)
+    on = {each["name"].partition(".")[2].partition(".")[2]: each for each in ask(room, "show")["grips"][-2:]}
+    place = len(room.desk.control.filters) - 1
+    words = ask(room, "switch", place=place, on=False)
+    before, notch = words["judged"], room.desk.off[0]
+    off = {each["name"]: each for each in words["grips"] if each["name"].startswith("off.")}
+    assert sorted(off) == ["off.0.frequency", "off.0.width"]
+    # the same place as with the filter on, but for the lines between which its narrow bottom is interpolated
+    assert off["off.0.frequency"]["y"] == pytest.approx(on["frequency"]["y"], abs=0.3)  # dB
+    ask(room, "drag", name="off.0.frequency", x=180.0, y=None, first=True)
+    words = ask(room, "drag", name="off.0.frequency", x=200.0, y=off["off.0.frequency"]["y"] - 6.0, first=False)
+    assert words["judged"] == before
+    moved = room.desk.off[0]
+    assert (moved.frequency, moved.damping_pole) == (200.0, notch.damping_pole)  # type: ignore[attr-defined]
+    grip = next(each for each in words["grips"] if each["name"] == "off.0.frequency")
+    assert grip["y"] == pytest.approx(off["off.0.frequency"]["y"] - 6.0, abs=1e-2)  # dB, of 4 digits
+    assert words["history"][0]["text"] == "notch 150 Hz → notch 200 Hz, off"
+    words = ask(room, "step", name="off.0.width", across=1, up=0)
+    assert room.desk.off[0].damping_pole == pytest.approx(1.02 * notch.damping_pole, rel=5e-4)  # type: ignore[attr-defined]
+    ask(room, "undo")
+    ask(room, "undo")  # the drag as a whole
+    assert room.desk.off == (notch,)

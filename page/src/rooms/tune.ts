@@ -108,12 +108,15 @@ export class Tune implements Room {
         if (there && steps) ask({ do: "tune.step", name: width, across: steps, up: 0, first });
         return there;
       },
-      removed: (name: string) => ask({ do: "tune.remove", place: Number(name.split(".")[1]) }),
+      removed: (name: string) => {
+        const [list, place] = name.split(".");
+        ask({ do: list === "off" ? "tune.forget" : "tune.remove", place: Number(place) });
+      },
     };
     this.handles = new Handles(
       open_loop,
       held,
-      (grip) => (grip.name.endsWith(".width") ? "↔" : String(Number(grip.name.split(".")[1]) + 1)),
+      ({ name }) => (name.endsWith(".width") ? "↔" : name.startsWith("off.") ? "–" : String(Number(name.split(".")[1]) + 1)),
       true,
     );
     this.verdict.append(this.headline, " ", this.sentence);

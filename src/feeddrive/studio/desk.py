@@ -344,6 +344,20 @@ class Desk:
         # after the exchange, which remembers the filters that were off before it
         self.off = left
 
+    def change_off(self, wanted: Mapping[str, float], *, begins: bool = True) -> None:
+        """Change parameters of a filter that is off, by names such as off.0.frequency; the loop does not change.
+
+        begins  True for a new undo step, False for a change that continues a drag
+        """
+        off = list(self.off)
+        for name, value in wanted.items():
+            _, place, field = name.split(".")
+            off[int(place)] = replace(off[int(place)], **{field: value})
+        self._begins = self._begins or begins
+        if self._begins:
+            self._remember()
+        self.off, self._begins = tuple(off), False
+
     def forget(self, place: int) -> None:
         """Remove a filter that is off, by its index; this is one undo step.
 

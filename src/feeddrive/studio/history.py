@@ -45,6 +45,8 @@ def step_words(before: Held, after: Held, units: Units) -> str:
         if changed:
             return _changed(changed, before, after, units)
     new, gone = _apart(before.off, after.off), _apart(after.off, before.off)
+    if new and gone and before.bench.by_hand is after.bench.by_hand:
+        return f"{filter_text(gone[0], units)} → {filter_text(new[0], units)}, off"
     if new:
         return f"{filter_text(new[0], units)} off"
     changes = difference(before.control, after.control)

@@ -289,6 +289,7 @@ def _kept(before: Sequence[Block], after: Sequence[Block]) -> tuple[int, ...] | 
     return best[len(after)][1] if len(after) in best else None
 
 
+OFF = "off"  # off.0, off.1: filters that are not in the loop
 DEPTH, WIDTH = "depth", "width"
 DEEPEST = 60.0  # dB: the largest depth that a notch is given by its depth
 _NO_GAIN = 120.0  # dB: a deeper notch, such as one with damping_zero = 0, is said to be as deep as this
@@ -361,14 +362,14 @@ def notch_shaped(control: Control, name: str, value: float) -> dict[str, float]:
     """
     if name not in (shapes := notch_shapes(control)):
         raise ParameterError(f"the control has no number '{name:.60}'{nearest(name, list(shapes))}")
-    _, place, part = name.split(".")
-    i, block = int(place), control.filters[int(place)]
+    held, _, part = name.rpartition(".")
+    block = control.filters[int(held.split(".")[1])]
     assert isinstance(block, Notch)
     if part == WIDTH:
-        return _of_width(block, i, value / (2.0 * float(block.frequency)), _SHAPE_DIGITS)
+        return _of_width(block, held, value / (2.0 * float(block.frequency)), _SHAPE_DIGITS)
     depth = min(max(value, 0.0), DEEPEST)
     zero = float(block.damping_pole) * 10.0 ** (-depth / 20.0)
-    return {f"filters.{i}.damping_zero": rounded(zero, _SHAPE_DIGITS)}
+    return {f"{held}.damping_zero": rounded(zero, _SHAPE_DIGITS)}
 
 
 def width_range(frequency: float) -> tuple[float, float]:
@@ -376,57 +377,73 @@ def width_range(frequency: float) -> tuple[float, float]:
     return 2.0 * _NARROWEST * frequency, 2.0 * _WIDEST * frequency
 
 
-def filter_grips(control: Control, loop: Margins, sample_time: float) -> tuple[Grip, ...]:
+def filter_grips(control: Control, loop: Margins, sample_time: float, off: Sequence[Filter] = ()) -> tuple[Grip, ...]:
     """Return the drag handles of all filters on a loop gain.
 
     Each filter frequency has a handle. A notch has another one at its upper edge, f (ζ + √(1 + ζ²)) with its
-    damping_pole ζ, where a deep notch attenuates by 3 dB.
+    damping_pole ζ, where a deep notch attenuates by 3 dB. The handles of filters that are off, off.0.frequency, stand
+    where the loop gain would go through if the filter were on.
     """
-    grips, ends = list[Grip](), (float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time)
+    grips = list[Grip]()
     for i, block in enumerate(control.filters):
-        kind = block.kind.replace("_", " ")
-        for name in _frequencies(block):
-            x, height = float(getattr(block, name)), _HEIGHTS.get((type(block), name))
-            which = name.removeprefix("frequency").replace("_", " ")
-            label = f"filter {i}, {kind}{which}: frequency" + (
-                "" if height is None else " and depth" if isinstance(block, Notch) else " and damping"
-            )
-            filter_gain = _decibel(_gain(block, x, sample_time))
-            grips.append(
-                Grip(
-                    f"filters.{i}.{name}",
-                    x,
-                    _on(loop, x),
-                    *ends,
-                    label,
-                    Text(f"{Quantity(x, 'Hz')}, gain {Quantity(filter_gain, 'dB'):.1f} there"),
-                )
-            )
-        if isinstance(block, Notch):
-            ratio, f = float(block.damping_pole), float(block.frequency)
-            edge = _edge(block, sample_time)
-            text = Text(f"{Quantity(2.0 * ratio * f, 'Hz')} wide, damping of the poles {number(ratio, 3)}")
-            grips.append(Grip(f"filters.{i}.{WIDTH}", edge, _on(loop, f), *ends, f"filter {i}, {kind}: width", text))
+        grips += _grips_of(block, f"filters.{i}", f"filter {i}", loop, sample_time)
+    for i, block in enumerate(off):
+        grips += _grips_of(block, f"{OFF}.{i}", f"filter {i} of those off", loop, sample_time)
     return tuple(grips)
 
 
+def _grips_of(block: Filter, held: str, said: str, loop: Margins, sample_time: float) -> list[Grip]:
+    grips, ends = list[Grip](), (float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time)
+    kind = block.kind.replace("_", " ")
+    for name in _frequencies(block):
+        x, height = float(getattr(block, name)), _HEIGHTS.get((type(block), name))
+        which = name.removeprefix("frequency").replace("_", " ")
+        label = f"{said}, {kind}{which}: frequency" + (
+            "" if height is None else " and depth" if isinstance(block, Notch) else " and damping"
+        )
+        filter_gain = _decibel(_gain(block, x, sample_time))
+        text = Text(f"{Quantity(x, 'Hz')}, gain {Quantity(filter_gain, 'dB'):.1f} there")
+        y = max(_height(block, held, x, loop, sample_time), _LOWEST_DRAWN)
+        grips.append(Grip(f"{held}.{name}", x, y, *ends, label, text))
+    if isinstance(block, Notch):
+        ratio, f = float(block.damping_pole), float(block.frequency)
+        edge = _edge(block, sample_time)
+        text = Text(f"{Quantity(2.0 * ratio * f, 'Hz')} wide, damping of the poles {number(ratio, 3)}")
+        y = max(_height(block, held, f, loop, sample_time), _LOWEST_DRAWN)
+        grips.append(Grip(f"{held}.{WIDTH}", edge, y, *ends, f"{said}, {kind}: width", text))
+    return grips
+
+
+def _height(block: Filter, held: str, frequency: float, loop: Margins, sample_time: float) -> float:
+    """Return |L| in dB at a frequency in Hz, with a filter that is off as if it were on."""
+    level = _on(loop, frequency)
+    return level + _decibel(_gain(block, frequency, sample_time)) if held.startswith(f"{OFF}.") else level
+
+
 def filter_dragged(
-    control: Control, name: str, x: float, y: float | None, loop: Margins, sample_time: float
+    control: Control,
+    name: str,
+    x: float,
+    y: float | None,
+    loop: Margins,
+    sample_time: float,
+    off: Sequence[Filter] = (),
 ) -> dict[str, float]:
     """Return the parameters of a filter after its handle is dragged to x (frequency in Hz) and y (|L| in dB).
 
     `loop` holds the margins of the loop with this controller. With the returned parameters, |L| at the handle is y, as
     far as the range of the damping ratio allows: a notch attenuates by 0 to 60 dB. If y is None, the damping ratio is
     unchanged. Dragging the width of a notch changes both of its damping ratios, but not its depth.
+    The parameters of a filter of those that are `off` have names as off.0.frequency.
     Raises ParameterError for an unknown handle.
     """
-    i, part, block = _held(control, name)
+    held, part, block = _held(control, name, off)
     low, high = float(loop.loop_gain.frequency[0]), HIGHEST_FILTER / sample_time
     at = min(max(x, low), high)
     if part == WIDTH:
-        return _widened(block, i, at)
+        return _widened(block, held, at)
     moved = replace(block, **{part: rounded(at, 4)})
-    values = {f"filters.{i}.{part}": float(getattr(moved, part))}
+    values = {f"{held}.{part}": float(getattr(moved, part))}
     height = _HEIGHTS.get((type(block), part))
     if height is None or y is None:
         return values
@@ -435,36 +452,46 @@ def filter_dragged(
     now = max(float(getattr(block, height.damping)), _LEAST_DAMPING)
     shown = replace(moved, **{height.damping: now})
     before, after = (_decibel(_gain(version, place, sample_time)) for version in (block, shown))
-    change = 10.0 ** ((y - (_on(loop, place, cut=False) - before + after)) / 20.0)
+    there = _height(block, held, place, loop, sample_time)
+    change = 10.0 ** ((y - (there - before + after)) / 20.0)
     wanted = now * change if height.rising else now / change
     # above damping_pole a notch would amplify
     most = float(block.damping_pole) if isinstance(block, Notch) else _MOST_DAMPING
     least = _LEAST_DAMPING * most if isinstance(block, Notch) else _LEAST_DAMPING
-    values[f"filters.{i}.{height.damping}"] = rounded(min(max(wanted, least), most), 4)
+    values[f"{held}.{height.damping}"] = rounded(min(max(wanted, least), most), 4)
     return values
 
 
 def filter_stepped(
-    control: Control, name: str, across: float, up: float, loop: Margins, sample_time: float
+    control: Control,
+    name: str,
+    across: float,
+    up: float,
+    loop: Margins,
+    sample_time: float,
+    off: Sequence[Filter] = (),
 ) -> dict[str, float]:
     """Return the parameters of a filter after its handle is moved with the arrow keys.
 
     across  number of steps of 2 % in frequency or width
     up      number of steps of 0.5 dB in |L|; for a width, of 2 % too
     """
-    _, part, block = _held(control, name)
+    held, part, block = _held(control, name, off)
     if part == WIDTH:
         ratio = float(block.damping_pole) * _ACROSS ** (across + up)  # type: ignore[attr-defined]
-        return _of_width(block, _held(control, name)[0], ratio)
+        return _of_width(block, held, ratio)
     x = float(getattr(block, part)) * _ACROSS**across
-    y = _on(loop, float(getattr(block, part)), cut=False) + _UP * up if up else None
-    return filter_dragged(control, name, x, y, loop, sample_time)
+    y = _height(block, held, float(getattr(block, part)), loop, sample_time) + _UP * up if up else None
+    return filter_dragged(control, name, x, y, loop, sample_time, off)
 
 
-def _held(control: Control, name: str) -> tuple[int, str, Filter]:
+def _held(control: Control, name: str, off: Sequence[Filter]) -> tuple[str, str, Filter]:
+    """Return the name of the filter of a handle, such as filters.0, the part that it moves, and the filter."""
+    filters = {f"filters.{i}": block for i, block in enumerate(control.filters)}
+    filters |= {f"{OFF}.{i}": block for i, block in enumerate(off)}
     handles = {
-        f"filters.{i}.{part}": (i, part, block)
-        for i, block in enumerate(control.filters)
+        f"{held}.{part}": (held, part, block)
+        for held, block in filters.items()
         for part in (*_frequencies(block), *((WIDTH,) if isinstance(block, Notch) else ()))
     }
     if name not in handles:
@@ -487,28 +514,27 @@ def _edge(block: Notch, sample_time: float) -> float:
     return f * apart if f * apart <= HIGHEST_FILTER / sample_time else f / apart
 
 
-def _widened(block: Filter, i: int, edge: float) -> dict[str, float]:
+def _widened(block: Filter, held: str, edge: float) -> dict[str, float]:
     f = float(block.frequency)  # type: ignore[attr-defined]
     # inverse of edge/f = ζ + √(1 + ζ²); the lower edge f/(ζ + √(1 + ζ²)) gives the same ζ
-    return _of_width(block, i, 0.5 * abs(edge / f - f / edge))
+    return _of_width(block, held, 0.5 * abs(edge / f - f / edge))
 
 
-def _of_width(block: Filter, i: int, ratio: float, digits: int = 4) -> dict[str, float]:
+def _of_width(block: Filter, held: str, ratio: float, digits: int = 4) -> dict[str, float]:
     """Return both damping ratios of a notch if that of its poles changes to `ratio` and the depth is kept."""
     assert isinstance(block, Notch)
     wanted = rounded(min(max(ratio, _NARROWEST), _WIDEST), digits)
     depth = float(block.damping_zero) / float(block.damping_pole)
-    return {f"filters.{i}.damping_pole": wanted, f"filters.{i}.damping_zero": rounded(depth * wanted, digits)}
+    return {f"{held}.damping_pole": wanted, f"{held}.damping_zero": rounded(depth * wanted, digits)}
 
 
-def _on(loop: Margins, frequency: float, *, cut: bool = True) -> float:
-    """Return |L| in dB at a frequency in Hz; with `cut` it is limited to the lowest level of the plot."""
+def _on(loop: Margins, frequency: float) -> float:
+    """Return |L| in dB at a frequency in Hz."""
     f, L = loop.loop_gain.frequency, loop.loop_gain.response
     k = min(max(int(np.searchsorted(f, frequency)), 1), f.size - 1)
     x, low, high = np.log(np.array([frequency, f[k - 1], f[k]]))
     share = min(max(float((x - low) / (high - low)), 0.0), 1.0)
-    level = (1.0 - share) * _decibel(L[k - 1]) + share * _decibel(L[k])
-    return max(level, _LOWEST_DRAWN) if cut else level
+    return (1.0 - share) * _decibel(L[k - 1]) + share * _decibel(L[k])
 
 
 _gains: Recent[complex] = Recent(256)

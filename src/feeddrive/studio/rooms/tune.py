@@ -268,8 +268,16 @@ class Tune(Room):
         name, y = asked.text("name"), asked.number_or_none("y")
         y = None if y is None else self.units.to_decibel(y)
         loop = self._now.leading.margins
-        values = filters.filter_dragged(self.desk.control, name, asked.number("x"), y, loop, self._sample_time)
-        self.desk.change({**self.desk.values, **values}, begins=asked.yes("first", True))
+        x, off = asked.number("x"), self.desk.off
+        return self._moved(filters.filter_dragged(self.desk.control, name, x, y, loop, self._sample_time, off), asked)
+
+    def _moved(self, values: Mapping[str, float], asked: Asked) -> Said:
+        """Move a filter by its handle; one that is off changes nothing but its own numbers."""
+        begins = asked.yes("first", True)
+        if any(name.startswith(f"{filters.OFF}.") for name in values):
+            self.desk.change_off(values, begins=begins)
+        else:
+            self.desk.change({**self.desk.values, **values}, begins=begins)
         return self._pictures()
 
     @act
@@ -278,9 +286,8 @@ class Tune(Room):
         loop, steps = self._now.leading.margins, (asked.number("across"), asked.number("up"))
         if max(map(abs, steps)) > _STEPS:
             raise ParameterError(f"a filter is moved by at most {_STEPS} steps at once")
-        values = filters.filter_stepped(self.desk.control, asked.text("name"), *steps, loop, self._sample_time)
-        self.desk.change({**self.desk.values, **values}, begins=asked.yes("first", True))
-        return self._pictures()
+        name, off = asked.text("name"), self.desk.off
+        return self._moved(filters.filter_stepped(self.desk.control, name, *steps, loop, self._sample_time, off), asked)
 
     @act
     def pole(self, asked: Asked) -> Said:
@@ -505,7 +512,7 @@ class Tune(Room):
 
     def _grips(self, loop: Margins) -> list[dict[str, Any]]:
         """Return the handles of the filters: frequency in Hz, and ordinate in the picture."""
-        grips = filters.filter_grips(self.desk.control, loop, self._sample_time)
+        grips = filters.filter_grips(self.desk.control, loop, self._sample_time, self.desk.off)
         return [{**asdict(grip), "y": float(self.units.from_decibel(grip.y))} for grip in grips]
 
     def _units(self) -> list[dict[str, Any]]:
