@@ -123,3 +123,45 @@ def test_two_controls_are_compared_by_a_divider(opened: Any) -> None:
     assert page.locator(".tune .grid > figure:visible").count() == 1
     page.keyboard.press("Escape")
     assert page.locator(".tune .grid > figure:visible").count() == 5
+
+
+def test_a_limit_is_dragged_by_its_line_and_a_notch_off_by_its_grip(opened: Any) -> None:
+    page = opened.page
+    line, gauge = page.locator("#picture-sensitivity .level"), page.locator("[data-figure=sensitivity_peak]")
+    before = gauge.locator(".limit").inner_text()
+    box = line.bounding_box()
+    page.mouse.move(box["x"] + 40, box["y"] + 6)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 40, box["y"] + 12, steps=3)
+    page.mouse.up()
+    opened.settled()
+    after = gauge.locator(".limit").inner_text()
+    assert float(after.removeprefix("≤ ")) < float(before.removeprefix("≤ "))
+    gauge.click()
+    page.click("#limit-clear")
+    opened.settled()
+    assert gauge.locator(".limit").inner_text() == before
+    page.click("#add-filter")
+    opened.settled()
+    field = page.locator("#numbers-filters .card").last.locator(".number input[type=text]")
+    labels = page.locator("#numbers-filters .card").last.locator(".number label").all_text_contents()
+    assert labels == ["Frequency", "Depth", "Width", "Damping zero", "Damping pole"]
+    field.nth(1).fill("30")
+    field.nth(1).press("Enter")
+    opened.settled()
+    assert float(field.nth(4).input_value()) / float(field.nth(3).input_value()) == pytest.approx(10**1.5, rel=1e-4)
+    assert page.locator("#history [aria-current]").inner_text().endswith("→ 30 dB")
+    page.locator("#numbers-filters .switch").last.click()
+    opened.settled()
+    grip, card = page.locator("[data-grip^='off.'][data-grip$='.frequency']"), page.locator(".card.off b")
+    assert grip.locator("span").evaluate("(each) => getComputedStyle(each).borderTopStyle") == "dashed"
+    verdict, named = page.inner_text("#verdict"), card.inner_text()
+    box = grip.bounding_box()
+    page.mouse.move(box["x"] + 12, box["y"] + 12)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 42, box["y"] + 12, steps=3)
+    page.mouse.up()
+    opened.settled()
+    assert grip.bounding_box()["x"] == pytest.approx(box["x"] + 30, abs=2.0)
+    assert card.inner_text() != named
+    assert page.inner_text("#verdict") == verdict

@@ -103,7 +103,8 @@ def test_a_hundred_steps_of_a_key_are_taken_at_once(monkeypatch: pytest.MonkeyPa
         _sample_time=1e-3,
         _poles=Stand(stepped=lambda *_: {}),
         _pictures=lambda: "pictures",
-        desk=Stand(control=None, values={}, change=lambda *_, **__: None),
+        _moved=lambda *_: "pictures",
+        desk=Stand(control=None, values={}, off=(), change=lambda *_, **__: None),
     )
     for act in (Tune.step, Tune.pole_step):
         assert act(room, Asked({"name": "x", "across": 80.0, "up": -80.0})) == "pictures"  # type: ignore[arg-type]

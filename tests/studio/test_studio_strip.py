@@ -10,6 +10,7 @@ import pytest
 
 import feeddrive as fd
 from feeddrive.analysis.loop_model import loop_model
+from feeddrive.figures.of_loops import COMPLIANCE_PEAK
 from feeddrive.language.errors import ParameterError
 from feeddrive.plot.chart import BAR, DEGREES
 from feeddrive.plot.over_frequency import open_loop_chart
@@ -229,3 +230,33 @@ def test_a_filter_that_is_off_is_moved_by_its_grip(room: Tune) -> None:
     ask(room, "undo")
     ask(room, "undo")  # the drag as a whole
     assert room.desk.off == (notch,)
+
+
+def test_a_limit_is_set_in_the_unit_that_is_shown_and_by_its_line(room: Tune) -> None:
+    """The server knows which setting of the goal it is: the page names the figure alone."""
+    ask(room, "unit", kind="length", unit="nm")
+    words = ask(room, "limit", figure="stiffness_least_N_per_m", value="0,004")
+    shown = gauges(words)["Least stiffness"]
+    assert (shown["unit"], shown["bound"]) == ("N/nm", "0.004")
+    # 4 N/µm: 2.5e-7 m/N
+    assert room.desk.goal["max_compliance"] == pytest.approx(2.5e-7)
+    assert room.desk.limits.bound(COMPLIANCE_PEAK) == pytest.approx(2.5e-7)
+    line = next(each for each in words["levels"] if each["picture"] == "stiffness")
+    assert (line["at"], line["text"]) == (pytest.approx(0.004), "least stiffness at least 0.004 N/nm")
+    words = ask(room, "limit", figure=line["field"], height=0.005)
+    assert gauges(words)["Least stiffness"]["bound"] == "0.005"
+    words = ask(room, "limit", figure="sensitivity_peak", height=20.0 * np.log10(1.8))
+    assert room.desk.goal["max_ms"] == 1.8
+    assert words["levels"][0]["at"] == pytest.approx(20.0 * np.log10(1.8))  # dB
+    ask(room, "limit", figure="sensitivity_peak", height=-1e9)
+    assert room.desk.goal["max_ms"] == 1.02  # the least that is dragged
+    for figure, value, why in (
+        ("stiffness_least_N_per_m", "0", "Least stiffness must be > 0"),
+        ("phase_margin_deg", "much", "the limit of Phase margin must be a number, not 'much'"),
+        ("crossover_Hz", "80", "figure must be one of"),
+    ):
+        with pytest.raises(ParameterError, match=why):
+            ask(room, "limit", figure=figure, value=value)
+    words = ask(room, "limit", figure="stiffness_least_N_per_m", value="")
+    assert "max_compliance" not in room.desk.goal
+    assert [each["picture"] for each in words["levels"]] == ["sensitivity"]

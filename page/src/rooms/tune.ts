@@ -4,6 +4,7 @@ import { Choices, type Choice, type Unit } from "../controls/choices";
 import { FilterAdder } from "../controls/filter_adder";
 import { Handles, type Grip } from "../controls/handles";
 import { History, type Change } from "../controls/history";
+import { Levels, type Level } from "../controls/levels";
 import { Numbers } from "../controls/numbers";
 import { LETTERS, Snapshots } from "../controls/snapshots";
 import { Strip, type Gauge } from "../controls/strip";
@@ -17,6 +18,7 @@ import type { Ask, Room } from "../room";
 import type { Received } from "../wire";
 
 const TOP = ["open_loop", "nyquist"]; // the first row; all others stand below
+const LIMITED = ["sensitivity", "stiffness"]; // pictures whose limit is dragged by its line
 const REST = 400; // ms without a change after which a way out of a broken limit is looked for
 
 export class Tune implements Room {
@@ -50,6 +52,7 @@ export class Tune implements Room {
   private readonly figures = make("p", { id: "figures", class: "spoken" });
   private readonly poles_said = make("p", { id: "poles-said", class: "meaning", hidden: "" });
   private readonly hint = make("div", { class: "empty", hidden: "" });
+  private readonly levels: Levels[] = [];
   private grips: Grip[] = [];
   private last: Received | null = null;
   private cured = 0; // the crossover at which all limits are kept, Hz
@@ -67,7 +70,7 @@ export class Tune implements Room {
     });
     this.bar.append(this.undo, this.redo, this.file);
     this.strip = new Strip(
-      (gauge, bound) => this.limit(gauge, bound),
+      ({ key }, value) => ask({ do: "tune.limit", figure: key, value }),
       (frequency) => this.point(frequency),
     );
     this.snapshots = new Snapshots(ask, () => this.draw());
@@ -176,6 +179,7 @@ export class Tune implements Room {
       this.numbers.show({ ...said.values, ...said.shapes });
       this.last = received;
       this.draw();
+      for (const each of this.levels) each.show(said.levels as Level[]);
       this.handles.show(this.grips);
       this.poles?.show((said.poles as Grip[] | undefined) ?? []);
       this.poles_said.textContent = String(said.poles_said ?? "");
@@ -230,15 +234,6 @@ export class Tune implements Room {
     this.cured = found.crossover;
     this.remedy.textContent = `Set ${found.crossover} Hz`;
     this.remedy.title = found.text;
-  }
-
-  // The limits are those of Optimize: they are set there, and shown here.
-  private limit({ option, key }: Gauge, bound: string): void {
-    const value = Number(bound.replace(",", "."));
-    if (key.startsWith("stiffness") && bound !== "" && Number.isFinite(value))
-      this.ask({ do: "goal.level", field: option, value });
-    else this.ask({ do: "goal.set", field: option, value: bound });
-    this.ask({ do: "tune.show" });
   }
 
   // Put the cursor at a frequency in Hz.
@@ -299,6 +294,8 @@ export class Tune implements Room {
     made.hidden = this.snapshots.hidden;
     made.onsvg = (how, x) =>
       this.ask({ do: "tune.svg", name, how, hidden: this.snapshots.away, low: x?.low ?? null, high: x?.high ?? null });
+    if (LIMITED.includes(name))
+      this.levels.push(new Levels(name, made, (figure, height) => this.ask({ do: "tune.limit", figure, height })));
     this.pictures.set(name, made);
     this.grid.append(made.element);
     return made;

@@ -21,6 +21,7 @@ from feeddrive.studio.live import Followable
 from feeddrive.tuning.criteria import Limits
 from feeddrive.tuning.filters import difference, with_filters
 from feeddrive.workflow.adjust import AdjustRequest, adjusting
+from feeddrive.workflow.tune import TuneRequest
 
 if TYPE_CHECKING:
     from feeddrive.blocks.families import Filter
@@ -227,7 +228,8 @@ class Desk:
     base      machine file into which the current controller is written
     written   controller in that file
     off       filters that were taken out of the loop, and may be put back
-    limits    limits by which the loop is judged, as set in the tab Goal
+    goal      goal, limits and other settings of a search, as fields of `TuneRequest`
+    limits    limits by which the loop is judged: those of `goal`
     programs  uploaded part programs by name
     live      sources that may be followed while they are recorded
     drives    drive files whose drives the page may move, as named on the command line
@@ -254,6 +256,7 @@ class Desk:
         self.written: Control | None = None
         self.off: tuple[Filter, ...] = ()
         self.values: Values = {}
+        self.goal: dict[str, Any] = {}
         self.limits = Limits()
         self.programs: dict[str, Path] = {}
         self.done: list[Step] = []
@@ -343,6 +346,14 @@ class Desk:
             self.exchange(with_filters(control, (place,), ()))
         # after the exchange, which remembers the filters that were off before it
         self.off = left
+
+    def aim(self, goal: dict[str, Any]) -> None:
+        """Adopt goal and limits, by which the loop is judged in all rooms. Raises ParameterError for invalid ones."""
+        if self.bench is not None and "box" in goal:
+            self.bench.over(goal["box"])
+        # any machine would do: the request raises ParameterError for settings that are invalid
+        self.limits = TuneRequest("ball_screw", **goal).limits()
+        self.goal = goal
 
     def change_off(self, wanted: Mapping[str, float], *, begins: bool = True) -> None:
         """Change parameters of a filter that is off, by names such as off.0.frequency; the loop does not change.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from feeddrive.figures.figure import Figure, Limit
@@ -15,8 +16,10 @@ from feeddrive.figures.of_loops import (
     SENSITIVITY_PEAK,
     STIFFNESS_LEAST,
 )
+from feeddrive.language.errors import ParameterError
 from feeddrive.language.quantity import Quantity, Units
 from feeddrive.language.text import Text, resolve
+from feeddrive.language.units import rounded
 from feeddrive.tuning.by_hand import Look
 from feeddrive.tuning.criteria import Limits
 
@@ -42,6 +45,28 @@ GAUGES = (
     Gauge("Least stiffness", STIFFNESS_LEAST, COMPLIANCE_PEAK),
     Gauge("Rope-snap error", ROPE_SNAP),
 )
+
+
+LIMITED: Mapping[str, Gauge] = {gauge.figure.key: gauge for gauge in GAUGES if gauge.limited is not None}
+"""The figures of the strip that can have a limit, by their keys."""
+
+
+def with_limit(goal: Mapping[str, Any], gauge: Gauge, bound: float | None) -> dict[str, Any]:
+    """Return the settings of a goal with another limit of a figure of the strip, in the unit of the figure.
+
+    bound  None: as without a setting, which is no limit, or the usual one of Ms
+    """
+    assert gauge.limited is not None
+    assert gauge.limited.limit is not None
+    option = gauge.limited.limit.option
+    settings = {key: value for key, value in goal.items() if key != option}
+    if bound is None:
+        return settings
+    if gauge.limited is COMPLIANCE_PEAK:
+        if not bound > 0.0:
+            raise ParameterError(f"{gauge.title} must be > 0, not {Quantity(bound, gauge.figure.unit):4}")
+        bound = 1.0 / bound
+    return {**settings, option: rounded(bound, 7)}
 
 
 def strip(now: Look, today: Look, limits: Limits, units: Units) -> list[dict[str, Any]]:

@@ -85,8 +85,12 @@ class Goal(Room):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
-        self.settings: dict[str, Any] = {}
         self.begin()
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Goal, limits and the other settings of a search, as fields of its request."""
+        return self.desk.goal
 
     def begin(self) -> None:
         """Discard the result of the previous source; goal and limits are kept."""
@@ -120,7 +124,7 @@ class Goal(Room):
         settings = {key: value for key, value in self.settings.items() if key != field.name}
         if text:
             settings[field.name] = self._read(field, text)
-        self._take(settings)
+        self.desk.aim(settings)
 
     @act
     def level(self, asked: Asked) -> None:
@@ -137,7 +141,7 @@ class Goal(Room):
             if not height > 0.0:
                 raise ParameterError("the dynamic stiffness must be > 0")
             settings = {**self.settings, name: units.scaled(1.0 / units.rounded(height, 3), FIELDS[name].factor)}
-        self._take(settings)
+        self.desk.aim(settings)
 
     @act
     def tune(self, _: Asked) -> None:
@@ -184,15 +188,6 @@ class Goal(Room):
         if state is not None and state.going and state.room == self.name:
             raise ParameterError(f"{state.what} is running: cancel it first, then reject what it found so far")
         self.begin()
-
-    def _take(self, settings: dict[str, Any]) -> None:
-        """Adopt goal and limits; the limits also apply to manual tuning."""
-        bench = self.desk.bench
-        if bench is not None and "box" in settings:
-            bench.over(settings["box"])
-        # any machine would do: the request raises ParameterError for settings that are invalid
-        self.desk.limits = TuneRequest("ball_screw", **settings).limits()
-        self.settings = settings
 
     def _request(self) -> TuneRequest:
         bench = self.desk.needed

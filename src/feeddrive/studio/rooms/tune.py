@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from feeddrive.analysis.margins import Margins
-from feeddrive.figures.of_loops import COMPLIANCE_PEAK, GAIN_MARGIN, PHASE_MARGIN, SENSITIVITY_PEAK
+from feeddrive.figures.of_loops import COMPLIANCE_PEAK, GAIN_MARGIN, PHASE_MARGIN, SENSITIVITY_PEAK, STIFFNESS_LEAST
 from feeddrive.language.errors import FeeddriveError, ParameterError
 from feeddrive.language.quantity import CHOICES, DRAWN, Quantity, Units, number
 from feeddrive.language.text import joined, resolve
@@ -22,7 +22,7 @@ from feeddrive.report.svg import svg_file
 from feeddrive.studio.desk import Asked, Desk, Held, Room, Said, Values, act
 from feeddrive.studio.history import History
 from feeddrive.studio.pictures import PICTURES, USUAL, HeldPoles, Parts, as_in_report, charts, choices
-from feeddrive.studio.strip import strip, verdict_line
+from feeddrive.studio.strip import LIMITED, strip, verdict_line, with_limit
 from feeddrive.tuning import filters
 from feeddrive.tuning.by_hand import ByHand, Knob, Look, Verdict
 from feeddrive.tuning.criteria import Limits
@@ -98,6 +98,7 @@ def with_verdicts(drawn: Mapping[str, Chart], look: Look, limits: Limits, units:
     return charts
 
 
+_LEAST_PEAK = 1.02  # of a limit of Ms that is dragged
 _FAR = 1e4  # beyond all panels
 _SMALLEST, _ROOM = 0.01, 4.0  # of |S|: what is in view at first, and of the limit of Ms above it
 
@@ -116,6 +117,14 @@ def _limited(chart: Chart, i: int, line: Level, low: float, high: float) -> Char
 
 def _gain(units: Units, ratio: float) -> float:
     return float(units.from_decibel(20.0 * float(np.log10(ratio))))
+
+
+def _read(text: str, title: str) -> float:
+    try:
+        # a decimal comma is what many users type
+        return float(text.replace(",", "."))
+    except ValueError:
+        raise ParameterError(f"the limit of {title} must be a number, not '{text:.40}'") from None
 
 
 def _place(verdict: Verdict, units: Units) -> tuple[str, float, float] | None:
@@ -354,6 +363,42 @@ class Tune(Room):
         return self._pictures()
 
     @act
+    def limit(self, asked: Asked) -> Said:
+        """Set a limit, which is that of the goal too: as written, or at the height to which its line was dragged.
+
+        figure  key of a figure of the strip
+        value   what was written, in the displayed unit; an empty text for no limit of one's own
+        height  instead of a value: an ordinate in the picture of the figure
+        """
+        gauge, height = LIMITED[asked.choice("figure", LIMITED)], asked.number_or_none("height")
+        factor = self.units.of(gauge.figure.unit)[1]
+        if height is None:
+            text = asked.text("value").strip()
+            bound = _read(text, gauge.title) / factor if text else None
+        elif gauge.figure == SENSITIVITY_PEAK:
+            # the exponent is capped, since a power beyond 308 overflows; an Ms of 1 or less is no valid limit
+            decibel = self.units.to_decibel(height)
+            bound = rounded(max(10.0 ** min(decibel / 20.0, 300.0), _LEAST_PEAK), 3)
+        else:
+            bound = rounded(height, 3) / factor
+        self.desk.aim(with_limit(self.desk.goal, gauge, bound))
+        return self._pictures()
+
+    def _levels(self, drawn: Mapping[str, Chart]) -> list[dict[str, Any]]:
+        """Return the limits whose lines can be dragged, each with the key of its figure, its picture and its height."""
+        limits, units = self.desk.limits, replace(self.units, rotary=self.desk.needed.rotary)
+        levels = list[dict[str, Any]]()
+        if (peak := limits.bound(SENSITIVITY_PEAK)) is not None and "sensitivity" in drawn:
+            text = f"Ms at most {number(peak, 3)}"
+            level = {"field": SENSITIVITY_PEAK.key, "picture": "sensitivity", "at": _gain(units, peak), "text": text}
+            levels.append(level)
+        if (largest := limits.bound(COMPLIANCE_PEAK)) is not None and "stiffness" in drawn:
+            text = resolve(f"least stiffness at least {units.value_text(1.0 / largest, 'N/m')}", units)
+            at = units.of("N/m")[1] / largest
+            levels.append({"field": STIFFNESS_LEAST.key, "picture": "stiffness", "at": at, "text": text})
+        return levels
+
+    @act
     def remedy(self, _: Asked) -> Said:
         """Look for the highest crossover, slower than the present one, at which the loop keeps all limits."""
         control, crossover = self.desk.control, self._now.leading.margins.crossover
@@ -444,6 +489,7 @@ class Tune(Room):
         headline, sentence = verdict_line(now, limits, units)
         answer = {
             "strip": strip(now, seen[TODAY].look, limits, units),
+            "levels": self._levels(drawn),
             "headline": headline,
             "sentence": sentence,
             "history": self._history.steps(units),
