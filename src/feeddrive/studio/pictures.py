@@ -187,7 +187,7 @@ Thing = TypeVar("Thing", Curve, Mark, Disc, Note, Band)
 WORST = "found, worst plant"
 # from 100 on: colors, dashes and marks that the page keeps for these names, whatever other curves there are
 NUMBERS = {"today": 100, "now": 101, "A": 102, "B": 103, "C": 104, "found": 105, "best so far": 105, WORST: 106}
-_NAMED = 100  # the least of these numbers
+_NAMED = min(NUMBERS.values())
 _NO_MACHINE = "needs a machine file: a measured response alone has no poles, no friction and moves no axis"
 
 
