@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-pytestmark = pytest.mark.slow("a real browser, and a server that compiles its first loop")
+pytestmark = pytest.mark.slow(reason="a real browser, and a server that compiles its first loop")
 
 _SVG = "{http://www.w3.org/2000/svg}"
 
