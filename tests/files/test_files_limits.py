@@ -18,7 +18,7 @@ import scipy.io
 from mdf_files import mdf4
 
 from feeddrive.blocks.compensation.pitch_compensation import PitchCompensation
-from feeddrive.files import growing, part_program
+from feeddrive.files import growing
 from feeddrive.files.columns import Column, check_size, check_unpacked
 from feeddrive.files.growing import GrowingFile, GrowingTable, Grown, Pipe
 from feeddrive.files.handover import read_comp_file, write_mat
@@ -405,8 +405,9 @@ def test_a_job_holds_four_million_samples_of_a_program(
         keep(few, ())
         return SimpleNamespace(blocks=1, cycle_time=1.0, kinematics=None)
 
-    monkeypatch.setattr(part_program, "Setpoints", lambda *_: SimpleNamespace(samples=int(count)))
-    monkeypatch.setattr(part_program, "planned_of", planned)
+    # they are imported where a program is planned
+    monkeypatch.setattr("feeddrive.path.setpoints.Setpoints", lambda *_: SimpleNamespace(samples=int(count)))
+    monkeypatch.setattr("feeddrive.path.planned.planned_of", planned)
     section = PartProgramSection(file="p.ngc")
     assert (
         accepts(
