@@ -82,7 +82,8 @@ class _Rooms:
 
     def extend(self, pieces: Pieces) -> None:
         """Add the room of the pieces that follow."""
-        both = zip(self, _Rooms(pieces, self._given[1]), strict=True)
+        _, limits = self._given
+        both = zip(self, _Rooms(pieces, limits), strict=True)
         self._made = [_Room(*(np.concatenate(arrays) for arrays in zip(*pair, strict=True))) for pair in both]
 
     def drop(self, count: int) -> None:
